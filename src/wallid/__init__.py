@@ -1,0 +1,73 @@
+"""wallid: the thermal diffusivity of a wall from temperatures logged in and on it.
+
+    case = wallid.load("saint_julien")
+    window = wallid.design(case)          # the days that tell most
+    rom = wallid.learn(case, window)      # a reduced model for those days
+    fit = wallid.estimate(case, window, rom)
+    print(fit)
+
+Switch 64-bit floats on first: `jax.config.update("jax_enable_x64", True)`.
+"""
+
+from importlib.metadata import version as _version
+
+from .case import Case, load, packaged
+from .design import Design, Lengths, design, lengths
+from .estimate import Estimate, estimate, seconds_of_estimate
+from .experiment import Experiment, Window, experiment, fit_profile, large_model, scales
+from .learning import learn, learning_signals
+from .lom import Output, lom
+from .mim import Learned, Signals, choose_order, learn_system, sweep_orders
+from .record import Record, read_record
+from .reliability import Loads, Reliability, reliability
+from .sensitivity import autodiff, explicit
+from .simulate import Exponential, propagate, simulate, stable_substeps
+from .statespace import StateSpace
+from .wall import InputError, Layer, Scales, Sensor, Wall
+
+__version__ = _version("wallid")
+
+__all__ = [
+    "Case",
+    "Design",
+    "Estimate",
+    "Experiment",
+    "Exponential",
+    "InputError",
+    "Layer",
+    "Learned",
+    "Lengths",
+    "Loads",
+    "Output",
+    "Record",
+    "Reliability",
+    "Scales",
+    "Sensor",
+    "Signals",
+    "StateSpace",
+    "Wall",
+    "Window",
+    "autodiff",
+    "choose_order",
+    "design",
+    "estimate",
+    "experiment",
+    "explicit",
+    "fit_profile",
+    "large_model",
+    "learn",
+    "learn_system",
+    "learning_signals",
+    "lengths",
+    "load",
+    "lom",
+    "packaged",
+    "propagate",
+    "read_record",
+    "reliability",
+    "scales",
+    "seconds_of_estimate",
+    "simulate",
+    "stable_substeps",
+    "sweep_orders",
+]

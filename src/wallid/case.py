@@ -1,0 +1,299 @@
+"""A case: a wall, what was logged of it, and what to do with it; read from TOML, every field checked."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ._choices import Choices, check_choices
+from ._columns import read_columns
+from ._fields import build, keys, nearest, number, series, settle, tables, text, within
+from .record import REGRESSORS, Record, read_record
+from .wall import InputError, Layer, Sensor, Wall
+
+__all__ = ["Case", "Choices", "LearningSignal", "load", "packaged"]
+
+_EXAMPLES = Path(__file__).parent / "examples"
+_LEARNING_FACTORS = (0.25, 1.0, 4.0, 16.0)  # of the prior, which may be wrong by several times
+_BOUNDARY_NOISE_STD = 0.1  # K, where no inner sensor tells how well was measured
+
+
+@dataclass(frozen=True, eq=False)
+class LearningSignal:
+    """One run of the large model that the reduced model learns from.
+
+    Arguments:
+        diffusivity: m2/s.
+        time: s from the first row, at a uniform step, (time,).
+        faces: left and right face temperature, degC, (time, 2).
+        coefficients: of the initial profile `sum_k a_k (x/L)^k`, degC.
+
+    Raises:
+        InputError: a diffusivity that is not above 0, or a coefficient that is no number.
+    """
+
+    diffusivity: float
+    time: np.ndarray
+    faces: np.ndarray
+    coefficients: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        settle(
+            self,
+            diffusivity=number("diffusivity", self.diffusivity, "m2/s", above=0),
+            coefficients=series("initial_coefficients", self.coefficients, "degC"),
+        )
+
+
+@dataclass(frozen=True)
+class Case:
+    """A wall, what was logged of it, and what to do with it.
+
+    Arguments:
+        name: how tables and reports call it.
+        path: of the TOML file.
+        wall: the wall.
+        sensors: one per sensor inside the wall, in the order of the record's columns.
+        record: what was logged.
+        choices: what to do; learning diffusivities that are None follow from the wall's prior.
+        learning: runs to learn from, in place of ones derived from the record; may be empty.
+        description: one line.
+
+    Raises:
+        InputError: parts that do not fit each other.
+    """
+
+    name: str
+    path: Path
+    wall: Wall
+    sensors: tuple[Sensor, ...]
+    record: Record
+    choices: Choices = field(default_factory=Choices)
+    learning: tuple[LearningSignal, ...] = ()
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        settle(self, sensors=tuple(self.sensors), learning=tuple(self.learning))
+        _check_sensors(self.wall, self.sensors)
+        names, logged = tuple(sensor.name for sensor in self.sensors), self.record.names
+        if logged != names:
+            found, wanted = (", ".join(group) or "none" for group in (logged, names))
+            raise InputError(f"the record's sensors are {found}; they must be the case's, {wanted}")
+        if not self.sensors and not {"flux_left", "flux_right"} & set(self.record.regressors):
+            raise InputError(
+                "no [[sensor]] and no flux; at least one sensor, flux_left or flux_right is needed"
+            )
+        with within("[choices]"):
+            check_choices(self.choices, self.record)
+        if self.choices.learning_diffusivities is None:
+            derived = tuple(factor * self.wall.diffusivity_prior for factor in _LEARNING_FACTORS)
+            settle(self, choices=replace(self.choices, learning_diffusivities=derived))
+
+    def __str__(self) -> str:
+        wall, choices = self.wall, self.choices
+        order = f" of order {choices.order}" if choices.model == "mim" else ""
+        layers = f", {len(wall.layers)} layers" if wall.layers else ""
+        sensors = ", ".join(f"{sensor.name} at {sensor.position:g} m" for sensor in self.sensors)
+        if self.sensors:
+            sensors += f"; noise {_span([s.noise_std for s in self.sensors])} K"
+            sensors += f", position +-{_span([1e3 * s.position_std for s in self.sensors])} mm"
+        lines = [
+            f"{self.name}{self.description and f': {self.description}'}",
+            f"wall      {wall.length:g} m{layers}, outside on the {wall.outside}, "
+            f"prior diffusivity {wall.diffusivity_prior:.3g} m2/s",
+            f"sensors   {sensors or 'none'}",
+            f"record    {self.record.summary()}",
+            f"choices   windows of {choices.window_days:g} d, model {choices.model}{order}, "
+            f"{choices.nodes} nodes",
+        ]
+        return "\n".join(lines).replace("\n", "\n  ")
+
+
+def load(path_or_name: str | os.PathLike[str]) -> Case:
+    """A case from its TOML file, from the folder that holds its case.toml, or a packaged one by name.
+
+    Arguments:
+        path_or_name: what exists as a path is not looked for among the packaged cases.
+
+    Raises:
+        InputError: what is wrong, with file and field, or file, line and column.
+    """
+    path = _find(path_or_name)
+    with within(str(path)):
+        document = keys(
+            _parse(path), ("wall", "record"), ("sensor", "choices", "learning", "case", "description")
+        )
+        name, description = _about(document, path)
+        wall = _wall(document["wall"])
+        sensors = _sensors(document.get("sensor", []))
+        _check_sensors(wall, sensors)  # before the record, whose columns they name
+        choices = _choices(document.get("choices", {}), sensors)
+        with within("[record]"):
+            source = keys(
+                document["record"],
+                ("file", "time", "left", "right"),
+                ("boundary_noise_std", "flux_noise_std", "flux_gain_std", *REGRESSORS),
+            )
+            columns = {key: text(key, value) for key, value in source.items() if not key.endswith("_std")}
+        plan = _plan_learning(document["learning"]) if "learning" in document else None
+    # what is wrong in a CSV file is told with that file's name
+    record = read_record(
+        path.parent / columns.pop("file"),
+        time=columns.pop("time"),
+        left=columns.pop("left"),
+        right=columns.pop("right"),
+        sensors=[sensor.name for sensor in sensors],
+        regressors=columns,
+    )
+    learning = _read_learning(plan, path.parent) if plan else ()
+    with within(str(path)):
+        noise = {key: value for key, value in source.items() if key.endswith("_std")}
+        default = min((sensor.noise_std for sensor in sensors), default=_BOUNDARY_NOISE_STD)
+        with within("[record]"):
+            record = replace(record, **{"boundary_noise_std": default, **noise})
+        return Case(name, path, wall, sensors, record, choices, learning, description)
+
+
+def packaged() -> tuple[str, ...]:
+    """The names of the cases that come with the package."""
+    return tuple(sorted(path.parent.name for path in _EXAMPLES.glob("*/case.toml")))
+
+
+def _find(path_or_name: str | os.PathLike[str]) -> Path:
+    path, name = Path(path_or_name), str(path_or_name)
+    if path.is_dir():
+        if not (path / "case.toml").is_file():
+            raise InputError(f"{name}: the folder holds no case.toml")
+        return path / "case.toml"
+    if path.exists():
+        return path
+    if name not in packaged():
+        raise InputError(
+            f"{name}: there is no such file or folder, nor a packaged case of that name; packaged are "
+            f"{', '.join(packaged())}{nearest(name, packaged())}"
+        )
+    return _EXAMPLES / name / "case.toml"
+
+
+def _parse(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise InputError("not UTF-8; the file must be saved as UTF-8") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"not valid TOML: {error}") from error
+
+
+def _about(document: dict[str, Any], path: Path) -> tuple[str, str]:
+    """A case's name and description."""
+    path = path.resolve()
+    default = path.parent.name if path.name == "case.toml" else path.stem
+    with within("[case]"):
+        about = keys(document.get("case", {}), (), ("name", "description"))
+        name = text("name", about.get("name", default))
+    description = about.get("description", document.get("description"))
+    return name, "" if description is None else text("description", description)
+
+
+def _wall(table: object) -> Wall:
+    with within("[wall]"):
+        known = {f.name for f in fields(Wall)} - {"length", "layers"}
+        values = dict(keys(table, ("length",), (*sorted(known), "layer")))
+        if "diffusivity_prior" in values:  # a NaN would mean that it was left out
+            number("diffusivity_prior", values["diffusivity_prior"], "m2/s")
+        layers = values.pop("layer", [])
+    parts = []
+    for count, layer in enumerate(tables("wall.layer", layers), start=1):
+        with within(f"[[wall.layer]] {count}"):
+            parts.append(build(Layer, layer))
+    with within("[wall]"):
+        return Wall(**values, layers=tuple(parts))
+
+
+def _place(count: int, name: object) -> str:
+    """How messages call a sensor's table."""
+    return f'[[sensor]] {count} "{name}"' if isinstance(name, str) else f"[[sensor]] {count}"
+
+
+def _sensors(value: object) -> tuple[Sensor, ...]:
+    sensors = []
+    for count, table in enumerate(tables("sensor", value), start=1):
+        with within(_place(count, table.get("name") if isinstance(table, dict) else None)):
+            sensors.append(build(Sensor, table))
+    return tuple(sensors)
+
+
+def _check_sensors(wall: Wall, sensors: Sequence[Sensor]) -> None:
+    """Sensors are inside the wall, each with a name and a place of its own."""
+    for count, sensor in enumerate(sensors, start=1):
+        with within(_place(count, sensor.name)):
+            if not 0.0 < sensor.position < wall.length:
+                raise InputError(
+                    f"position = {sensor.position!r} m is not inside the wall; it must lie between 0 and "
+                    f"length = {wall.length!r} m"
+                )
+            for other, earlier in enumerate(sensors[: count - 1], start=1):
+                if sensor.name == earlier.name:
+                    raise InputError(f"name is that of [[sensor]] {other}; names must differ")
+                if sensor.position == earlier.position:
+                    there = f"is that of [[sensor]] {other}; positions must differ"
+                    raise InputError(f"position = {sensor.position!r} m {there}")
+
+
+def _choices(table: object, sensors: Sequence[Sensor]) -> Choices:
+    with within("[choices]"):
+        choices = build(Choices, table)
+        if isinstance(table, dict) and "initial_profile" in table:
+            return choices
+        return replace(choices, initial_profile=min(choices.initial_profile, len(sensors) + 1))
+
+
+@dataclass(frozen=True)
+class _LearningPlan:
+    """The `[learning]` table, its signals as (diffusivity, left column, right column)."""
+
+    file: str
+    time: str
+    coefficients: tuple[float, ...]
+    signals: tuple[tuple[float, str, str], ...]
+
+
+def _plan_learning(table: object) -> _LearningPlan:
+    with within("[learning]"):
+        values = keys(table, ("file", "time", "initial_coefficients", "signal"))
+        file, time = text("file", values["file"]), text("time", values["time"])
+        coefficients = series("initial_coefficients", values["initial_coefficients"], "degC")
+    signals = []
+    for count, signal in enumerate(tables("learning.signal", values["signal"]), start=1):
+        with within(f"[[learning.signal]] {count}"):
+            one = keys(signal, ("diffusivity", "left", "right"))
+            diffusivity = number("diffusivity", one["diffusivity"], "m2/s", above=0)
+            signals.append((diffusivity, text("left", one["left"]), text("right", one["right"])))
+    return _LearningPlan(file, time, coefficients, tuple(signals))
+
+
+def _read_learning(plan: _LearningPlan, folder: Path) -> tuple[LearningSignal, ...]:
+    columns = [column for _, left, right in plan.signals for column in (left, right)]
+    table = read_columns(folder / plan.file, plan.time, columns)
+    return tuple(
+        LearningSignal(
+            diffusivity,
+            table.time,
+            np.stack([table.face(left), table.face(right)], axis=1),
+            plan.coefficients,
+        )
+        for diffusivity, left, right in plan.signals
+    )
+
+
+def _span(values: Sequence[float]) -> str:
+    low, high = min(values), max(values)
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"

@@ -1,0 +1,215 @@
+"""The command line: `wallid demo | run | design | estimate`."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+app = typer.Typer(
+    name="wallid",
+    help="From temperatures logged in and on a wall to its thermal diffusivity.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+)
+
+CaseArgument = Annotated[
+    str, typer.Argument(metavar="CASE", help="A case.toml, a folder that holds one, or a packaged case's name.")
+]
+Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Where result.json and the figures go.")]
+Json = Annotated[bool, typer.Option("--json", help="Print result.json to standard output, and nothing else there.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="No progress and no summary.")]
+Model = Annotated[
+    Literal["mim", "lom"] | None,
+    typer.Option("--model", help="The reduced or the large model, instead of the case's choice."),
+]
+Integrator = Annotated[
+    Literal["propagator", "diffrax"],
+    typer.Option(
+        "--integrator", help="How the estimate steps through the rows: a fast scan, or diffrax; the same numbers."
+    ),
+]
+Orders = Annotated[
+    str,
+    typer.Option(
+        "--orders", metavar="LIST", help='Also learn these orders for the figure of error against order: "2,5,10".'
+    ),
+]
+From = Annotated[
+    int | None,
+    typer.Option("--from-row", min=0, help="Start the window at this row (the first is 0), not where the design says."),
+]
+OUT = Path("wallid-out")
+
+
+@app.callback(invoke_without_command=True)
+def main(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    """From temperatures logged in and on a wall to its thermal diffusivity, by the whole method:
+
+    an optimal experiment design picks the days that tell most, a reduced model is learned for them,
+    Gauss-Newton gives the diffusivity with its interval, and the whole record is held against it.
+    Status 0: done. 1: done, but the record gives no number to rely on. 2: bad input.
+    """
+    if version:
+        from importlib.metadata import version as installed
+
+        print(installed("wallid"))
+        raise typer.Exit
+
+
+@app.command()
+def demo(
+    model: Model = None,
+    integrator: Integrator = "propagator",
+    orders: Orders = "",
+    out: Out = OUT,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """The whole method on the packaged case `saint_julien`, a synthetic twin of the paper's old wall."""
+    _everything("saint_julien", model, integrator, orders, out, json, quiet)
+
+
+@app.command()
+def run(
+    case: CaseArgument,
+    model: Model = None,
+    integrator: Integrator = "propagator",
+    orders: Orders = "",
+    out: Out = OUT,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Design, learn, estimate, and hold the whole record against the result."""
+    _everything(case, model, integrator, orders, out, json, quiet)
+
+
+@app.command()
+def design(case: CaseArgument, out: Out = OUT, json: Json = False, quiet: Quiet = False) -> None:
+    """Which days of the record tell most about the diffusivity, and what longer windows would give."""
+    _go(case, None, ("design",), out, json, quiet)
+
+
+@app.command()
+def estimate(
+    case: CaseArgument,
+    model: Model = None,
+    integrator: Integrator = "propagator",
+    from_row: From = None,
+    out: Out = OUT,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """The diffusivity from the best window (or from one that you name), without the rest."""
+    _go(case, model, ("design", "learn", "estimate"), out, json, quiet, integrator=integrator, from_row=from_row)
+
+
+def _everything(
+    case: str, model: str | None, integrator: str, orders: str, out: Path, json: bool, quiet: bool
+) -> None:
+    stages = ("design", "learn", "estimate", "reliability", "lengths")
+    _go(case, model, stages, out, json, quiet, integrator=integrator, orders=orders)
+
+
+def _go(
+    name: str,
+    model: str | None,
+    stages: tuple[str, ...],
+    out: Path,
+    json: bool,
+    quiet: bool,
+    *,
+    integrator: str = "propagator",
+    orders: str = "",
+    from_row: int | None = None,
+) -> None:
+    """Load, run, write, print; every message to standard error but the summary or the JSON."""
+    try:
+        wanted = _parse_orders(orders)
+        reliable = _work(name, model, stages, out, json, quiet, integrator, wanted, from_row)
+    except ValueError as error:  # InputError and the package's own checks of arguments
+        print(f"wallid: {error}", file=sys.stderr)
+        raise typer.Exit(2) from None
+    if not reliable:
+        raise typer.Exit(1)
+
+
+def _work(name, model, stages, out, json, quiet, integrator, orders, from_row) -> bool:
+    with _progress(quiet or json) as progress:
+        progress("starting", 0.0)
+        import jax
+
+        jax.config.update("jax_enable_x64", True)
+        from . import report, workflow
+        from .case import load
+        from .experiment import Window, window_rows
+
+        case = load(name)
+        if model is not None:
+            case = replace(case, choices=replace(case.choices, model=model))
+        window = None
+        if from_row is not None:
+            rows = window_rows(case, case.choices.window_days)
+            if from_row + rows > case.record.rows:
+                raise ValueError(
+                    f"--from-row {from_row}: a window of {rows} rows from there passes the record's end; "
+                    f"the last start is {case.record.rows - rows}"
+                )
+            window = Window(from_row, rows)
+        done = workflow.run(
+            case,
+            stages=stages,
+            window=window,
+            orders=orders,
+            integrator=integrator,
+            progress=lambda stage, share: progress(stage, 0.05 + 0.8 * share),
+        )
+        progress("figures", 0.9)
+        written = report.write(done, out)
+    if json:
+        print(report.dumps(done))
+    elif not quiet:
+        print(done)
+        print(f"\nwrote        {', '.join(path.name for path in written)} to {out}")
+    return done.fit is None or done.fit.reliable
+
+
+def _parse_orders(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(part) for part in text.split(",") if part.strip())
+    except ValueError:
+        raise ValueError(f'--orders {text!r}: whole numbers with commas are wanted, such as "2,5,10"') from None
+
+
+@contextmanager
+def _progress(silent: bool):
+    """A progress bar on standard error: told (stage, share of the work done)."""
+    if silent:
+
+        def say_nothing(stage: str, share: float) -> None:
+            return
+
+        yield say_nothing
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description:<45}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+
+        def say(stage: str, share: float) -> None:
+            bar.update(task, description=stage, completed=share)
+
+        yield say
+
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,339 @@
+"""The estimate: Gauss-Newton through optimistix, its covariance, and whether it can be relied on.
+
+Minimised over `y = (ln(alpha/alpha_0), beta)`::
+
+    J(y) = sum over readings ((T_model(alpha) + offset_std beta - T_measured) / sigma)^2 + |beta|^2
+
+with an offset `offset_std beta` for each sensor whose case states an `offset_std`.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from dataclasses import dataclass, field
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from .case import Case
+from .experiment import Experiment, HasBest, Window, as_window, check_driven, experiment, large_model, scales
+from .gauss_newton import BoundedNewton, GaussNewton, StepHalving, Trace
+from .learning import learn
+from .mim import Learned
+from .sensitivity import Integrator, explicit, field_with_theta, run
+from .statespace import StateSpace
+
+LOWEST, HIGHEST = 1e-10, 1e-2
+"""Bounds of the search, m2/s: past any solid. An estimate at one is none."""
+
+_NORMAL_95 = 1.959963984540054  # 97.5 % quantile of the normal distribution
+_NO_INFORMATION = 1e-9  # singular value over the largest: this direction is not in the record
+
+
+class _Fit(eqx.Module):
+    """What the compiled estimate gives back."""
+
+    parameters: Float[Array, " param"]
+    trace: Trace
+    residual: Array
+    predicted: Array
+    jacobian: Array
+    evaluations: Array
+    converged: Array
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A diffusivity with its interval, and how it was found.
+
+    Arguments:
+        value, std: m2/s. `std` is that of ln(alpha) times alpha, from the stated noise, and wider
+            by the square root of the reduced chi-square where that is above 1.
+        interval_95: m2/s, symmetric in ln(alpha).
+        offsets: per sensor with an `offset_std`: name -> (value, std), K.
+        result: "converged", or what stopped the iteration.
+        reliable: False where the record gives no number to rely on; `reason` says why.
+        iterations: Gauss-Newton steps taken; `evaluations` counts halved tries too.
+        history: per iterate: diffusivity, cost, gamma_1, gamma_2.
+        reduced_chi_square: the cost over its degrees of freedom.
+        predicted, residual: degC and K (measured minus predicted; NaN where missing),
+            `(time, sensor)`, offsets included.
+        covariance: of (ln alpha, offsets in units of their prior).
+        singular_values: of the weighted sensitivity, largest first.
+        model: what was fitted, in words.
+    """
+
+    value: float
+    std: float
+    interval_95: tuple[float, float]
+    offsets: dict[str, tuple[float, float]]
+    result: str
+    reliable: bool
+    reason: str
+    iterations: int
+    evaluations: int
+    history: dict[str, np.ndarray] = field(repr=False)
+    reduced_chi_square: float
+    predicted: np.ndarray = field(repr=False)
+    residual: np.ndarray = field(repr=False)
+    covariance: np.ndarray = field(repr=False)
+    singular_values: np.ndarray = field(repr=False)
+    model: str
+    window: Window
+
+    def __str__(self) -> str:
+        low, high = self.interval_95
+        lines = [
+            f"diffusivity  {self.value:.4g} m2/s  +- {self.std:.1g}   (95 %: {low:.4g} to {high:.4g})",
+            f"model        {self.model}; {self.result} after {self.iterations} Gauss-Newton steps",
+            f"residual     {np.sqrt(np.nanmean(self.residual**2)):.3g} K root mean square, "
+            f"reduced chi-square {self.reduced_chi_square:.2f}",
+        ]
+        lines += [f"offset {name}: {value:+.3f} +- {std:.3f} K" for name, (value, std) in self.offsets.items()]
+        if not self.reliable:
+            lines.append(f"NOT TO BE RELIED ON: {self.reason}")
+        return "\n".join(lines)
+
+
+def estimate(
+    case: Case,
+    window: Window | HasBest | None = None,
+    model: StateSpace | Learned | None = None,
+    *,
+    start: float | None = None,
+    weights: Literal["noise", "none"] = "noise",
+    sensitivity: Literal["explicit", "autodiff"] = "explicit",
+    integrator: Integrator = "propagator",
+    eta: float | None = None,
+) -> Estimate:
+    """The diffusivity of a case from one window of its record.
+
+    Arguments:
+        window: None for the whole record.
+        model: None for the case's choice: the large model, or a reduced one learned for the window.
+        start: m2/s; None for the case's prior.
+        weights: each sensor by its `noise_std`, or the paper's plain sum of squares.
+        sensitivity: the explicit theta system, or autodiff (with a free H_theta, the first).
+        eta: both stopping criteria; None for the case's.
+
+    Raises:
+        InputError: a reduced model that does not know what a face of this window does.
+        ValueError: a start outside `LOWEST` to `HIGHEST`, or an unknown choice.
+    """
+    _check_choice("weights", weights, ("noise", "none"))
+    _check_choice("sensitivity", sensitivity, ("explicit", "autodiff"))
+    start = case.wall.diffusivity_prior if start is None else start
+    if not LOWEST < start < HIGHEST:
+        raise ValueError(f"start: {start} m2/s; it must lie between {LOWEST} and {HIGHEST}")
+    window = Window(0, case.record.rows) if window is None else as_window(window)
+    if model is None:
+        model = large_model(case) if case.choices.model == "lom" else learn(case, window)
+    system = model.system if isinstance(model, Learned) else model
+    check_driven(system, case, window)
+    data = experiment(case, window, weighted=weights == "noise")
+    eta = case.choices.eta if eta is None else eta
+    fit = fit_experiment(
+        system,
+        data,
+        jnp.asarray(scales(case).fourier(1.0)),
+        jnp.asarray(start),
+        jnp.asarray(eta),
+        explicit_theta=sensitivity == "explicit",
+        integrator=integrator,
+        max_iterations=case.choices.max_iterations,
+    )
+    kind = "reduced" if system.order < case.choices.nodes - 2 else "large"
+    return _conclude(case, window, data, fit, f"{kind} model of order {system.order}", weights)
+
+
+def _check_choice(name: str, given: str, allowed: tuple[str, ...]) -> None:
+    if given not in allowed:
+        raise ValueError(f"{name}: {given!r}; it is one of {', '.join(allowed)}")
+
+
+def _residual(y: Array, args: tuple) -> Array:
+    """The weighted misfit of every reading, then of every offset's prior."""
+    system, data, fourier_per_alpha, start, explicit_theta, integrator = args
+    return jnp.concatenate(
+        [
+            (data.weight * (_predicted(y, args) - data.observed)).reshape(-1),
+            y[1:],
+        ]
+    )
+
+
+def _predicted(y: Array, args: tuple) -> Array:
+    """Temperatures in degC, offsets included."""
+    system, data, fourier_per_alpha, start, explicit_theta, integrator = args
+    fourier = fourier_per_alpha * start * jnp.exp(y[0])
+    if explicit_theta:
+        u = field_with_theta(fourier, system, data, integrator)
+    else:
+        u = run(system, fourier, data, integrator=integrator)[0]
+    temperature = data.celsius(u)
+    places = np.asarray(data.offsets, dtype=int)
+    return temperature.at[:, places].add(data.offset_std[places] * y[1:])
+
+
+@eqx.filter_jit
+def fit_experiment(
+    system: StateSpace,
+    data: Experiment,
+    fourier_per_alpha: Float[Array, ""],
+    start: Float[Array, ""],
+    eta: Float[Array, ""],
+    *,
+    explicit_theta: bool = True,
+    integrator: Integrator = "propagator",
+    max_iterations: int = 100,
+) -> _Fit:
+    """The compiled estimate: one compilation for all windows of a length, all starts, all values.
+
+    Arguments:
+        fourier_per_alpha: Fo for a diffusivity of 1 m2/s.
+        start: m2/s.
+        eta: both stopping criteria.
+    """
+    args = (system, data, fourier_per_alpha, start, explicit_theta, integrator)
+    solver = GaussNewton(
+        eta_1=eta,
+        eta_2=eta,
+        descent=BoundedNewton(jnp.log(LOWEST / start), jnp.log(HIGHEST / start)),
+        search=StepHalving(),
+        longest_trace=max_iterations,
+    )
+    solution = optx.least_squares(
+        _residual,
+        solver,
+        jnp.zeros(1 + len(data.offsets)),
+        args=args,
+        max_steps=max_iterations + 1,
+        throw=False,
+    )
+    y = solution.value
+    trace = solution.stats["trace"]
+    trace = eqx.tree_at(
+        lambda t: t.parameters, trace, trace.parameters.at[:, 0].set(start * jnp.exp(trace.parameters[:, 0]))
+    )
+    predicted = _predicted(y, args)
+    return _Fit(
+        parameters=y,
+        trace=trace,
+        residual=data.observed - predicted,
+        predicted=predicted,
+        jacobian=jax.jacfwd(_residual)(y, args),
+        evaluations=solution.stats["num_steps"],
+        converged=solution.result == optx.RESULTS.successful,
+    )
+
+
+def _conclude(case: Case, window: Window, data: Experiment, fit: _Fit, model: str, weights: str) -> Estimate:
+    """Covariance, interval and verdict from what the compiled estimate gave."""
+    jacobian, singular, covariance = _covariance(np.asarray(fit.jacobian))
+    present = np.asarray(data.weight) > 0
+    count = int(fit.trace.count)
+    cost = float(fit.trace.cost[count - 1])
+    freedom = int(present.sum()) + len(data.offsets) - jacobian.shape[1]
+    chi_square = cost / max(freedom, 1)
+    # the plain sum of squares states no noise: its own residual is the only measure of it
+    covariance = covariance * (chi_square if weights == "none" else max(1.0, chi_square))
+    value = float(fit.trace.parameters[count - 1, 0])
+    std_log = float(np.sqrt(covariance[0, 0]))
+    half = min(_NORMAL_95 * std_log, 700.0)  # exp(709) is the largest float
+    interval = (value * float(np.exp(-half)), value * float(np.exp(half)))
+    offset_std = np.asarray(data.offset_std)[list(data.offsets)]
+    names = [case.sensors[s].name for s in data.offsets]
+    offsets = {
+        name: (float(std * beta), float(std * np.sqrt(variance)))
+        for name, std, beta, variance in zip(
+            names, offset_std, np.asarray(fit.parameters[1:]), np.diag(covariance)[1:], strict=True
+        )
+    }
+    reason = _why_unreliable(case, value, interval, singular, bool(fit.converged))
+    history = {"diffusivity": fit.trace.parameters[:count, 0], "cost": fit.trace.cost[:count]}
+    history |= {"gamma_1": fit.trace.gamma_1[:count], "gamma_2": fit.trace.gamma_2[:count]}
+    return Estimate(
+        value=value,
+        std=value * std_log,
+        interval_95=interval,
+        offsets=offsets,
+        result="converged" if bool(fit.converged) else "stopped at the largest number of iterations",
+        reliable=not reason,
+        reason=reason,
+        iterations=count - 1,
+        evaluations=int(fit.evaluations),
+        history={name: np.asarray(rows) for name, rows in history.items()},
+        reduced_chi_square=chi_square,
+        predicted=np.asarray(fit.predicted),
+        residual=np.where(present, np.asarray(fit.residual), np.nan),
+        covariance=covariance,
+        singular_values=singular,
+        model=model,
+        window=window,
+    )
+
+
+def _covariance(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The Jacobian, its singular values, and `(J^T J)^-1` (infinite where a direction is missing)."""
+    _, singular, V = np.linalg.svd(jacobian, full_matrices=False)
+    if not np.all(np.isfinite(singular)) or singular[-1] <= _NO_INFORMATION * max(singular[0], 1.0):
+        return jacobian, singular, np.full((jacobian.shape[1],) * 2, np.inf)
+    return jacobian, singular, (V.T / singular**2) @ V
+
+
+def _why_unreliable(
+    case: Case, value: float, interval: tuple[float, float], singular: np.ndarray, converged: bool
+) -> str:
+    """Why the estimate is no number to rely on, or an empty string."""
+    if not np.isfinite(value) or not np.all(np.isfinite(singular)):
+        return "the model gave values that are not finite"
+    if value <= LOWEST * 1.001 or value >= HIGHEST / 1.001:
+        return f"the estimate ran to the bound of its search, {value:.3g} m2/s: the record does not hold it"
+    factor = interval[1] / interval[0]
+    if factor > case.choices.largest_interval_factor:
+        return (
+            f"its 95 % interval spans a factor of {factor:.3g}, more than {case.choices.largest_interval_factor:g}: "
+            "the temperatures vary too little for their noise"
+        )
+    if not converged:
+        return "the iteration did not converge"
+    return ""
+
+
+def seconds_of_estimate(case: Case, window: Window, model: StateSpace) -> float:
+    """What one warm estimate costs: the median of three, compilation apart."""
+    data, per_alpha = experiment(case, window), jnp.asarray(scales(case).fourier(1.0))
+    start, eta = jnp.asarray(case.wall.diffusivity_prior), jnp.asarray(case.choices.eta)
+    taken = []
+    for _ in range(4):
+        began = clock.perf_counter()
+        jax.block_until_ready(fit_experiment(model, data, per_alpha, start, eta))
+        taken.append(clock.perf_counter() - began)
+    return float(np.median(taken[1:]))
+
+
+def paper_sigma(
+    noise_std: np.ndarray, gradient: np.ndarray, position_std: np.ndarray
+) -> Float[np.ndarray, "time sensor"]:
+    """The paper's combined uncertainty, `sqrt(sigma_m^2 + (dT/dx delta_x)^2)`, K.
+
+    A position error is the same all the time: this is for the paper's figure, and no weight.
+
+    Arguments:
+        noise_std: sigma_m per sensor, K.
+        gradient: dT/dx at the sensors, K/m, `(time, sensor)`.
+        position_std: delta_x per sensor, m.
+    """
+    return np.sqrt(noise_std**2 + (gradient * position_std) ** 2)
+
+
+def theta_kelvin(system: StateSpace, case: Case, window: Window, diffusivity: float) -> np.ndarray:
+    """`dT/d(ln alpha)` at the sensors over a window, K, `(time, sensor)`."""
+    fourier = scales(case).fourier(diffusivity)
+    _, theta = explicit(system, fourier, experiment(case, window))
+    return np.asarray(theta) * fourier * scales(case).temperature

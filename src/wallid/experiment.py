@@ -1,0 +1,193 @@
+"""A window of a case in the form that models take: inputs, initial profile, readings, weights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .case import Case
+from .lom import Output, lom
+from .statespace import StateSpace
+from .wall import InputError, Scales
+
+_STILL = 1e-6  # K: a face that moves less did not move
+
+
+@dataclass(frozen=True)
+class Window:
+    """Consecutive rows of a record.
+
+    Arguments:
+        row: the first.
+        rows: how many.
+        criterion: the D-criterion over its largest among the candidates, 1.
+    """
+
+    row: int
+    rows: int
+    criterion: float = 1.0
+
+
+@runtime_checkable
+class HasBest(Protocol):
+    """A design: what chose a window."""
+
+    @property
+    def best(self) -> Window:
+        """The chosen window."""
+        ...
+
+
+def as_window(window: Window | HasBest) -> Window:
+    """The window itself, or a design's best one."""
+    return window if isinstance(window, Window) else window.best
+
+
+class Experiment(eqx.Module):
+    """What a model is driven with and compared to, over one window.
+
+    Arguments:
+        step: of the rows, in t_ref.
+        inputs: dimensionless face temperatures (left, right).
+        initial: dimensionless coefficients of the initial profile in x*.
+        observed: sensors' readings in degC, 0 where missing.
+        weight: per reading, one over its standard deviation in K; 0 where missing.
+        offset_std: of each sensor's constant offset, K; 0 where none is estimated.
+        temperature, temperature_min: T = temperature_min + temperature u.
+        offsets: the sensors with an offset, by place.
+    """
+
+    step: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+    inputs: Float[Array, "time input"] = eqx.field(converter=jnp.asarray)
+    initial: Float[Array, " param"] = eqx.field(converter=jnp.asarray)
+    observed: Float[Array, "time sensor"] = eqx.field(converter=jnp.asarray)
+    weight: Float[Array, "time sensor"] = eqx.field(converter=jnp.asarray)
+    offset_std: Float[Array, " sensor"] = eqx.field(converter=jnp.asarray)
+    temperature: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+    temperature_min: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+    offsets: tuple[int, ...] = eqx.field(static=True, default=())
+
+    def celsius(self, u: Array) -> Array:
+        """Dimensionless temperatures in degC."""
+        return self.temperature_min + self.temperature * u
+
+    @property
+    def time(self) -> Float[Array, " time"]:
+        """The rows' times in t_ref, from the window's start."""
+        return self.step * jnp.arange(self.inputs.shape[0])
+
+
+@dataclass(frozen=True)
+class Profile:
+    """An initial profile `T(x, 0) = sum_k a_k x*^k` fitted through the faces and sensors.
+
+    Arguments:
+        coefficients: a_k in degC.
+        eps_2: root mean square of the fit, K; None where the profile was given.
+    """
+
+    coefficients: np.ndarray
+    eps_2: float | None
+
+
+def scales(case: Case) -> Scales:
+    """The reference values: a day, 20 K, and the faces' lowest whole degree."""
+    return Scales.of(case.wall, temperature_min=float(np.floor(case.record.faces.min())))
+
+
+def profile_degree(case: Case) -> int:
+    """The degree of the initial profile's polynomial in this case's models."""
+    given = case.choices.initial_coefficients
+    return max(case.choices.initial_profile, 0 if given is None else len(given) - 1)
+
+
+def window_rows(case: Case, days: float) -> int:
+    """How many rows a window of so many days has; all of a record that holds one row more."""
+    rows = case.record.rows_per(days)
+    return case.record.rows if case.record.rows - rows <= 1 else rows
+
+
+def fit_profile(case: Case, row: int) -> Profile:
+    """The initial profile of a window that starts at `row`.
+
+    A least-squares polynomial through the faces and the sensors that have a reading there, of the
+    degree chosen or the highest that these points give. The case's given coefficients hold at the
+    record's first row.
+    """
+    count = profile_degree(case) + 1
+    given = case.choices.initial_coefficients
+    if given is not None and row == 0:
+        return Profile(np.pad(np.asarray(given, float), (0, count - len(given))), None)
+    record, length = case.record, case.wall.length
+    places = np.array([0.0, 1.0, *(sensor.position / length for sensor in case.sensors)])
+    readings = np.concatenate([record.faces[row], record.sensors[row]])
+    there = np.isfinite(readings)
+    degree = min(case.choices.initial_profile, int(there.sum()) - 1)
+    basis = np.vander(places[there], degree + 1, increasing=True)
+    coefficients, *_ = np.linalg.lstsq(basis, readings[there], rcond=None)
+    misfit = basis @ coefficients - readings[there]
+    return Profile(np.pad(coefficients, (0, count - degree - 1)), float(np.sqrt(np.mean(misfit**2))))
+
+
+def dimensionless_profile(coefficients: np.ndarray, scale: Scales) -> np.ndarray:
+    """A profile's coefficients in u: the constant alone carries T_min."""
+    shifted = np.array(coefficients, float)
+    shifted[0] -= scale.temperature_min
+    return shifted / scale.temperature
+
+
+def experiment(case: Case, window: Window | None = None, *, weighted: bool = True) -> Experiment:
+    """A window of a case (None: its whole record) for estimation.
+
+    Arguments:
+        weighted: each reading by its sensor's noise; False gives the paper's plain sum of squares.
+    """
+    window = Window(0, case.record.rows) if window is None else window
+    part = case.record.window(window.row, window.rows)
+    scale = scales(case)
+    noise = np.array([sensor.noise_std if weighted else 1.0 for sensor in case.sensors])
+    offset_std = np.array([sensor.offset_std for sensor in case.sensors])
+    present = np.isfinite(part.sensors)
+    return Experiment(
+        step=part.step / scale.time,
+        inputs=scale.dimensionless(part.faces),
+        initial=dimensionless_profile(fit_profile(case, window.row).coefficients, scale),
+        observed=np.where(present, part.sensors, 0.0),
+        weight=present / noise,
+        offset_std=offset_std,
+        temperature=scale.temperature,
+        temperature_min=scale.temperature_min,
+        offsets=tuple(int(s) for s in np.flatnonzero(offset_std > 0)),
+    )
+
+
+def large_model(case: Case, extra: Sequence[Output] = ()) -> StateSpace:
+    """The case's large model in its modes; outputs are the sensors, then `extra`."""
+    sensors = [Output(sensor.position, name=sensor.name) for sensor in case.sensors]
+    degree = profile_degree(case)
+    return lom(case.wall, [*sensors, *extra], nodes=case.choices.nodes, profile_degree=degree).modal()
+
+
+def check_driven(model: StateSpace, case: Case, window: Window | None = None) -> None:
+    """Refuse to drive a reduced model by a face that its learning never moved.
+
+    Raises:
+        InputError: such a face moves in this window, or does not meet the initial profile.
+    """
+    window = Window(0, case.record.rows) if window is None else window
+    faces = np.asarray(case.record.window(window.row, window.rows).faces)
+    coefficients = fit_profile(case, window.row).coefficients
+    ends = np.array([coefficients[0], coefficients.sum()])
+    largest = np.max(np.abs(faces - ends), axis=0)
+    for side, name in enumerate(("left", "right")):
+        if not model.driven[side] and largest[side] > _STILL:
+            raise InputError(
+                f"record: the {name} face moves by up to {largest[side]:.3g} K from the initial profile, and the "
+                f"reduced model never learned what the {name} face does; add a learning signal in which it "
+                'moves ([[learning.signal]]), or use [choices] model = "lom"'
+            )

@@ -1,0 +1,156 @@
+"""The paper's Gauss-Newton iteration, as an optimistix solver that keeps its history.
+
+    p_{k+1} = p_k + (J^T J)^-1 J^T r(p_k),      r = weighted (measured - model)
+
+It goes on while `gamma_1 >= eta_1` and `gamma_2 >= eta_2`, with the relative changes of the cost
+and of the parameters::
+
+    gamma_1 = |J(p_{k+1}) - J(p_k)| / J(p_k),      gamma_2 = |p_{k+1} - p_k| / |p_k|
+
+The parameters are searched as `y = (ln(alpha/alpha_0), others in units of their prior)`, which
+keeps the diffusivity positive. Far from the solution a full step can overshoot: a step changes the
+diffusivity by a factor of e^2 at most, stays within its bounds, and is halved until the cost
+does not grow.
+
+Source: Berger and Kadoch, Section 4.2 and Algorithm 1; Deuflhard, Newton Methods (2004), 4.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import lineax as lx
+import optimistix as optx
+from jaxtyping import Array, Float, Int
+
+_LONGEST = 2.0  # of a step in ln(alpha)
+_ROUND_OFF = 1e-12  # relative growth of the cost that is no growth: a sum of many squares rounds
+
+
+class Trace(eqx.Module):
+    """Per accepted iterate: parameters, cost, gamma_1, gamma_2; NaN in rows not reached."""
+
+    parameters: Float[Array, "iterate param"]
+    cost: Float[Array, " iterate"]
+    gamma_1: Float[Array, " iterate"]
+    gamma_2: Float[Array, " iterate"]
+    count: Int[Array, ""]
+
+
+class _BoundedState(NamedTuple):
+    newton: Array
+    result: optx.RESULTS
+
+
+class BoundedNewton(optx.AbstractDescent):
+    """The Newton direction, cut to the longest step and to the box of its first parameter.
+
+    The least-squares solve is by singular values: a parameter without any information is left
+    where it is instead of being thrown away.
+    """
+
+    lower: Float[Array, ""]
+    upper: Float[Array, ""]
+
+    def init(self, y, f_info_struct):
+        """No step yet."""
+        return _BoundedState(y, optx.RESULTS.successful)
+
+    def query(self, y, f_info, state):
+        """The direction at `y`."""
+        jacobian = f_info.jac.as_matrix()
+        solved = lx.linear_solve(
+            lx.MatrixLinearOperator(jacobian), f_info.residual, lx.SVD(rcond=1e-12), throw=False
+        )
+        newton = solved.value
+        newton = newton * jnp.minimum(1.0, _LONGEST / jnp.maximum(jnp.abs(newton[0]), _LONGEST))
+        newton = newton.at[0].set(y[0] - jnp.clip(y[0] - newton[0], self.lower, self.upper))
+        return _BoundedState(newton, optx.RESULTS.promote(solved.result))
+
+    def step(self, step_size, state):
+        """The step of this length along the direction."""
+        return -step_size * state.newton, state.result
+
+
+class StepHalving(optx.AbstractSearch):
+    """Take the full step; halve it while the cost grows or is not finite."""
+
+    def init(self, y, f_info_struct):
+        """The full step."""
+        return jnp.array(1.0)
+
+    def step(self, first_step, y, y_eval, f_info, f_eval_info, state):
+        """Whether to accept `y_eval`, and the next step's length."""
+        before, after = f_info.as_min(), f_eval_info.as_min()
+        accept = first_step | (after <= before * (1 + _ROUND_OFF))
+        step_size = jnp.where(accept, 1.0, 0.5 * state)
+        return step_size, accept, optx.RESULTS.successful, step_size
+
+
+class _TracedState(eqx.Module):
+    inner: Any
+    trace: Trace
+    stop: Array
+
+
+class GaussNewton(optx.AbstractGaussNewton):
+    """Gauss-Newton with the paper's two criteria and a trace of its iterates (in `stats`)."""
+
+    eta_1: Float[Array, ""]
+    eta_2: Float[Array, ""]
+    descent: BoundedNewton
+    search: StepHalving
+    longest_trace: int = eqx.field(static=True)
+    rtol: float = eqx.field(static=True, default=0.0)
+    atol: float = eqx.field(static=True, default=0.0)
+    norm: Callable = eqx.field(static=True, default=optx.max_norm)
+    verbose: Callable = eqx.field(static=True, default=lambda **kwargs: None)
+
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags):
+        """The inner state and an empty trace."""
+        empty = jnp.full(self.longest_trace + 1, jnp.nan)
+        trace = Trace(jnp.full((*empty.shape, y.size), jnp.nan), empty, empty, empty, jnp.array(0))
+        inner = super().init(fn, y, args, options, f_struct, aux_struct, tags)
+        return _TracedState(inner, trace, jnp.array(False))
+
+    def step(self, fn, y, args, options, state, tags):
+        """One evaluation: an accepted one is an iterate, and is tested by the two criteria."""
+        tried = state.inner.y_eval
+        first = state.inner.first_step
+        y_next, inner, aux = super().step(fn, y, args, options, state.inner, tags)
+        accepted = inner.num_accepted_steps > state.inner.num_accepted_steps
+        cost = jnp.sum(inner.f_info.residual**2)
+        k, trace = state.trace.count, state.trace
+        previous = trace.cost[k - 1]
+        gamma_1 = jnp.where(first, jnp.nan, jnp.abs(cost - previous) / previous)
+        gamma_2 = jnp.where(first, jnp.nan, relative_change(tried, y))
+
+        def put(rows: Array, row: Array) -> Array:
+            return rows.at[k].set(jnp.where(accepted, row, rows[k]))
+
+        trace = Trace(
+            put(trace.parameters, y_next),
+            put(trace.cost, cost),
+            put(trace.gamma_1, gamma_1),
+            put(trace.gamma_2, gamma_2),
+            k + accepted,
+        )
+        met = jnp.where(accepted, (gamma_1 < self.eta_1) | (gamma_2 < self.eta_2), gamma_2 < self.eta_2)
+        return y_next, _TracedState(inner, trace, met), aux
+
+    def terminate(self, fn, y, args, options, state, tags):
+        """Met criteria end the iteration."""
+        return state.stop, state.inner.result
+
+    def postprocess(self, fn, y, aux, args, options, state, tags, result):
+        """Hand out the trace."""
+        return y, aux, {"trace": state.trace}
+
+
+def relative_change(y_new: Float[Array, " param"], y: Float[Array, " param"]) -> Float[Array, ""]:
+    """gamma_2: `|alpha_new/alpha - 1|`, with the other parameters' changes in their priors' units."""
+    change = (y_new - y).at[0].set(jnp.expm1(y_new[0] - y[0]))
+    return jnp.sqrt(jnp.sum(change**2))

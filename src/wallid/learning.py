@@ -1,0 +1,97 @@
+"""From a case's window to its reduced model: what to learn from, and of which order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+
+from .case import Case
+from .experiment import HasBest, Window, as_window, dimensionless_profile, large_model, profile_degree, scales
+from .mim import Learned, Signals, choose_order, learn_system
+from .wall import InputError
+
+_STILL = 1e-6  # K: a face that moves less did not move
+
+
+def learn(
+    case: Case,
+    window: Window | HasBest,
+    order: int | Literal["auto"] | None = None,
+    *,
+    tied: bool = True,
+    on_try: Callable[[Learned], None] = lambda learned: None,
+) -> Learned:
+    """A reduced model for a window of a case, of the case's order or another.
+
+    Arguments:
+        order: None for the case's; "auto" for the smallest whose error is under a tenth of the
+            smallest noise and whose sensitivity is within 1 %.
+        tied: one H for field and sensitivity; False leaves H_theta free (the paper).
+        on_try: with "auto", told of each order.
+
+    Raises:
+        InputError: neither face moves in the window.
+    """
+    window = as_window(window)
+    order = case.choices.order if order is None else order
+    lom, signals = large_model(case), learning_signals(case, window)
+    if order == "auto":
+        noise = min(sensor.noise_std for sensor in case.sensors)
+        return choose_order(lom, signals, tolerance=0.1 * noise / scales(case).temperature, on_try=on_try)
+    return learn_system(lom, order, signals, tied=tied)
+
+
+def learning_signals(case: Case, window: Window) -> Signals:
+    """What the reduced model of a window learns from.
+
+    The case's own learning signals where it lists some. Otherwise, at each learning diffusivity:
+    each face's course over the window alone (from rest), so that both columns of G are learned. A
+    face that stands still in the window borrows the other's course. In both cases each
+    coefficient of the initial profile that is no steady state alone, with faces that meet it.
+    """
+    scale = scales(case)
+    count = profile_degree(case) + 1
+    runs: list[tuple[float, np.ndarray, np.ndarray]] = []
+    if case.learning:
+        step = float(case.learning[0].time[1] - case.learning[0].time[0])
+        for signal in case.learning:
+            given = np.asarray(signal.coefficients, float)
+            initial = dimensionless_profile(np.pad(given, (0, count - len(given))), scale)
+            runs.append((signal.diffusivity, np.asarray(scale.dimensionless(signal.faces)), initial))
+        diffusivities = sorted({signal.diffusivity for signal in case.learning})
+    else:
+        part = case.record.window(window.row, window.rows)
+        step = part.step
+        courses = _face_courses(np.asarray(part.faces)) / scale.temperature
+        diffusivities = list(case.choices.learning_diffusivities or ())
+        runs += [(alpha, course, np.zeros(count)) for alpha in diffusivities for course in courses]
+    rows = runs[0][1].shape[0]
+    # a straight line is at rest in a homogeneous wall: the model has it without learning
+    for degree in range(1 if case.wall.layers else 2, count):
+        faces = np.tile([0.0, 1.0], (rows, 1))
+        runs += [(alpha, faces, np.eye(count)[degree]) for alpha in diffusivities]
+    return Signals(
+        fourier=np.array([scale.fourier(alpha) for alpha, _, _ in runs]),
+        step=step / scale.time,
+        inputs=np.stack([faces for _, faces, _ in runs]),
+        initial=np.stack([initial for _, _, initial in runs]),
+    )
+
+
+def _face_courses(faces: np.ndarray) -> np.ndarray:
+    """Each face alone, from its first value, with the other one at rest."""
+    moves = faces - faces[0]
+    still = np.ptp(moves, axis=0) < _STILL
+    if still.all():
+        raise InputError(
+            "record: neither face moves in this window, so a reduced model has nothing to learn from; "
+            'take a longer window, or [choices] model = "lom"'
+        )
+    courses = []
+    for side in (0, 1):
+        course = np.zeros_like(moves)
+        course[:, side] = moves[:, 1 - side if still[side] else side]
+        courses.append(course)
+    return np.stack(courses)

@@ -1,0 +1,254 @@
+"""Figures, each drawn on Axes that the caller gives, in one style.
+
+Colours are Okabe and Ito's, told apart by every kind of colour vision. Nothing here shows a
+window; `style()` is the house style as a matplotlib context.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from .case import Case
+from .design import Design, Lengths
+from .estimate import Estimate
+from .experiment import Window, fit_profile
+from .mim import Learned
+from .reliability import Loads, Reliability
+
+BLUE, ORANGE, GREEN, PURPLE, SKY, RED, YELLOW, GREY = (
+    "#0072B2",
+    "#E69F00",
+    "#009E73",
+    "#CC79A7",
+    "#56B4E9",
+    "#D55E00",
+    "#F0E442",
+    "#5A5A5A",
+)
+SENSORS = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED)
+
+_STYLE = {
+    "font.size": 9,
+    "axes.titlesize": 10,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "lines.linewidth": 1.3,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "figure.constrained_layout.use": True,
+    "savefig.dpi": 150,
+}
+
+
+def style() -> AbstractContextManager[Any]:
+    """The house style: `with wallid.plot.style(): ...`."""
+    return mpl.rc_context(_STYLE)  # pyright: ignore[reportArgumentType]
+
+
+def figure(rows: int = 1, columns: int = 1, *, width: float = 7.2, height: float = 2.6) -> tuple[Figure, Any]:
+    """An empty figure in the house style and its Axes, `height` inches a row."""
+    with style():
+        made = Figure(figsize=(width, height * rows))
+        return made, made.subplots(rows, columns)
+
+
+def colour(sensor: int) -> str:
+    """The colour of a sensor's place."""
+    return SENSORS[sensor % len(SENSORS)]
+
+
+def record(ax: Axes, case: Case, window: Window | None = None) -> None:
+    """The faces and sensors over the whole record, and the window chosen."""
+    days = np.asarray(case.record.time) / 86400.0
+    for side, name, tint in ((0, "left", GREY), (1, "right", RED)):
+        place = "outside" if case.wall.outside == name else "inside"
+        ax.plot(days, case.record.faces[:, side], color=tint, lw=0.8, label=f"{name} face ({place})")
+    for s, sensor in enumerate(case.sensors):
+        there = np.isfinite(case.record.sensors[:, s])
+        sparse = there.mean() < 0.5
+        ax.plot(
+            days[there],
+            case.record.sensors[there, s],
+            ls="none" if sparse else "-",
+            marker="." if sparse else None,
+            color=colour(s),
+            lw=1.0,
+            label=f"{sensor.name} at {100 * sensor.position:g} cm",
+        )
+    if window is not None:
+        step = case.record.step / 86400.0
+        ax.axvspan(window.row * step, (window.row + window.rows - 1) * step, color=YELLOW, alpha=0.35, lw=0)
+    ax.set(xlabel="days since the record's start", ylabel="temperature (°C)", title=f"Record {case.name}")
+    ax.legend(ncols=3)
+
+
+def theta(ax: Axes, case: Case, days: np.ndarray, sensitivity: np.ndarray) -> None:
+    """The sensitivity dT/d ln(alpha) at each sensor."""
+    for s, sensor in enumerate(case.sensors):
+        ax.plot(days, sensitivity[:, s], color=colour(s), lw=0.8, label=sensor.name)
+    ax.set(xlabel="days", ylabel=r"$\partial T / \partial \ln \alpha$ (K)", title="Sensitivity to the diffusivity")
+    ax.legend(ncols=3)
+
+
+def criterion(ax: Axes, design: Design) -> None:
+    """The D-criterion over start days, for each diffusivity, the best window marked."""
+    for alpha, values, tint in zip(design.diffusivities, design.criterion, SENSORS, strict=False):
+        ax.plot(design.start_days, values, ".-", color=tint, ms=4, label=rf"$\alpha$ = {alpha:.2g} m²/s")
+    best = design.best.row * design.step / 86400.0
+    ax.plot([best], [1.0], "o", ms=9, mfc="none", color=RED, label=f"best, from day {best:g}")
+    length = design.rows * design.step / 86400.0
+    ax.set(
+        xlabel=f"start of the window of {length:.3g} days (days)",
+        ylabel=r"$\Psi / \Psi_{max}$",
+        ylim=(0, 1.08),
+        title="Which days tell most (D-criterion)",
+    )
+    ax.legend()
+
+
+def compromise(ax: Axes, lengths: Lengths) -> None:
+    """The criterion against the window's length, with the estimate's cost beside it."""
+    (left,) = ax.plot(lengths.days, lengths.criterion, "o-", color=BLUE, label="criterion")
+    ax.set(xlabel="length of the window (days)", ylabel=r"$\Psi / \Psi_{longest}$", ylim=(0, 1.08))
+    ax.set_title("What a longer window gives and costs")
+    cost = ax.twinx()
+    (right,) = cost.plot(lengths.days, 1e3 * lengths.seconds, "s--", color=ORANGE, label="one estimate")
+    cost.set(ylabel="seconds of one estimate × 1000", ylim=(0, None))
+    cost.grid(False)
+    ax.legend(handles=[left, right], loc="upper left")
+
+
+def orders(ax: Axes, learned: Sequence[Learned]) -> None:
+    """Errors of the reduced model over its learning signals, against its order."""
+    order = [one.system.order for one in learned]
+    names = ((r"$u$", BLUE), (r"$\theta$", ORANGE))
+    for k, (name, tint) in enumerate(names):
+        ax.semilogy(order, [one.eps_inf[k] for one in learned], "o-", color=tint, label=rf"$\epsilon_\infty$ {name}")
+        ax.semilogy(order, [one.eps_2[k] for one in learned], "s--", color=tint, ms=4, label=rf"$\epsilon_2$ {name}")
+    ax.set(xlabel="order of the reduced model", ylabel="error (dimensionless)", title="Error against order")
+    ax.xaxis.get_major_locator().set_params(integer=True)
+    ax.legend(ncols=2)
+
+
+def convergence(value_ax: Axes, gamma_ax: Axes, fit: Estimate) -> None:
+    """The diffusivity and the two stopping criteria at each Gauss-Newton step."""
+    steps = np.arange(len(fit.history["diffusivity"]))
+    value_ax.plot(steps, fit.history["diffusivity"], "o-", color=BLUE)
+    value_ax.set(xlabel="Gauss-Newton step", ylabel="diffusivity (m²/s)", title="Convergence")
+    for name, symbol, tint in (("gamma_1", r"$\gamma_1$ (cost)", ORANGE), ("gamma_2", r"$\gamma_2$ (value)", GREEN)):
+        gamma_ax.semilogy(steps, fit.history[name], "o-", color=tint, label=symbol)
+    gamma_ax.set(xlabel="Gauss-Newton step", ylabel="relative change", title="Stopping criteria")
+    gamma_ax.legend()
+    for ax in (value_ax, gamma_ax):
+        ax.xaxis.get_major_locator().set_params(integer=True)
+
+
+def measured_against_simulated(ax: Axes, case: Case, fit: Estimate) -> None:
+    """Readings and model over the estimate's window."""
+    days = _window_days(case, fit.window)
+    part = case.record.window(fit.window.row, fit.window.rows)
+    for s, sensor in enumerate(case.sensors):
+        ax.plot(days, part.sensors[:, s], ".", ms=4, color=colour(s), alpha=0.6)
+        ax.plot(days, fit.predicted[:, s], color=colour(s), label=sensor.name)
+    ax.set(xlabel="days since the record's start", ylabel="temperature (°C)", title="Measured (dots) and simulated")
+    ax.legend(ncols=3)
+
+
+def residual(ax: Axes, case: Case, fit: Estimate) -> None:
+    """Measured minus simulated over the estimate's window."""
+    days = _window_days(case, fit.window)
+    for s, sensor in enumerate(case.sensors):
+        there = np.isfinite(fit.residual[:, s])
+        ax.plot(days[there], fit.residual[there, s], ".-", ms=3, lw=0.7, color=colour(s), label=sensor.name)
+    ax.axhline(0.0, color=GREY, lw=0.8)
+    ax.set(xlabel="days since the record's start", ylabel="residual (K)", title="Measured minus simulated")
+    ax.legend(ncols=3)
+
+
+def _window_days(case: Case, window: Window) -> np.ndarray:
+    return np.asarray(case.record.time)[window.row : window.row + window.rows] / 86400.0
+
+
+def last_week(ax: Axes, reliability: Reliability, sensor: int) -> None:
+    """Measured, and predicted with prior and estimate, over the record's last seven days."""
+    days = reliability.days
+    late = days >= days[-1] - 7.0
+    ax.plot(days[late], reliability.measured[late, sensor], ".", ms=3, color=GREY, label="measured")
+    ax.plot(days[late], reliability.prior[late, sensor], "--", color=ORANGE, label="prior")
+    ax.plot(days[late], reliability.predicted[late, sensor], color=BLUE, label="estimate")
+    ax.set(xlabel="days", ylabel="temperature (°C)", title=f"{reliability.names[sensor]}: the last days")
+    ax.legend()
+
+
+def density(ax: Axes, reliability: Reliability, sensor: int) -> None:
+    """Residual densities with prior and estimate beside that of the measurement's uncertainty."""
+    pairs = (
+        ("prior", reliability.residual_prior[:, sensor], ORANGE),
+        ("estimate", reliability.residual[:, sensor], BLUE),
+    )
+    sigma = reliability.sigma[:, sensor]
+    spread = max(np.nanpercentile(np.abs(values), 99.5) for _, values, _ in pairs)
+    edge = 1.1 * max(spread, 3.0 * float(np.sqrt(np.mean(sigma**2))))
+    bins = np.linspace(-edge, edge, 61)
+    for name, values, tint in pairs:
+        kept = values[np.isfinite(values)]
+        ax.hist(kept, bins=list(bins), density=True, histtype="stepfilled", alpha=0.35, color=tint, label=name)
+    x = np.linspace(-edge, edge, 301)
+    normal = np.exp(-0.5 * (x[:, None] / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
+    ax.plot(x, normal.mean(axis=1), color=GREY, label="measurement")
+    ax.set(xlabel="measured minus predicted (K)", ylabel="density (1/K)", title=f"{reliability.names[sensor]}: residual")
+    ax.legend()
+
+
+def uncertainty(ax: Axes, reliability: Reliability) -> None:
+    """The density of each sensor's combined uncertainty (noise, and position through the gradient)."""
+    for s, name in enumerate(reliability.names):
+        sigma = reliability.sigma[:, s]
+        if np.ptp(sigma) < 1e-9:
+            ax.axvline(sigma[0], color=colour(s), label=f"{name} (constant)")
+        else:
+            ax.hist(sigma, bins=50, density=True, histtype="step", lw=1.4, color=colour(s), label=name)
+    ax.set(xlabel=r"$\sigma$ (K)", ylabel="density (1/K)", title="Measurement and position uncertainty")
+    ax.legend()
+
+
+def initial_profile(ax: Axes, case: Case, window: Window) -> None:
+    """The initial profile of a window and the readings it is fitted through."""
+    profile = fit_profile(case, window.row)
+    x = np.linspace(0.0, 1.0, 101)
+    places = [0.0, *(sensor.position for sensor in case.sensors), case.wall.length]
+    left, right = case.record.faces[window.row]
+    readings = [left, *case.record.sensors[window.row], right]
+    ax.plot(x * case.wall.length, np.polynomial.polynomial.polyval(x, profile.coefficients), color=BLUE, label="profile")
+    ax.plot(places, readings, "o", color=RED, label="readings")
+    fitted = "given" if profile.eps_2 is None else f"fit $\\epsilon_2$ = {profile.eps_2:.2g} K"
+    ax.set(xlabel="x (m)", ylabel="temperature (°C)", title=f"Initial profile ({fitted})")
+    ax.legend()
+
+
+def flux(ax: Axes, days: np.ndarray, loads: Loads) -> None:
+    """The heat flux through the inner face over the record."""
+    ax.plot(days, loads.flux, color=BLUE, lw=0.8)
+    ax.axhline(0.0, color=GREY, lw=0.8)
+    ax.set(xlabel="days", ylabel="j, along +x (W/m²)", title="Heat flux through the inner face")
+
+
+def loads(ax: Axes, loads: Loads) -> None:
+    """How the load over the record moves with the diffusivity."""
+    ax.plot(100 * (loads.factors - 1.0), 100 * loads.change, "o-", color=BLUE)
+    ax.axhline(0.0, color=GREY, lw=0.8)
+    ax.set(
+        xlabel="change of the diffusivity (%)",
+        ylabel="change of the load E (%)",
+        title=f"Load through the inner face (k = {loads.conductivity:g} W/m/K)",
+    )

@@ -1,0 +1,205 @@
+"""What was logged: times, face temperatures, inner sensors, regressors."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ._columns import read_columns
+from ._fields import number, settle
+from .wall import InputError
+
+__all__ = ["REGRESSORS", "Record", "read_record"]
+
+REGRESSORS = (
+    "irradiance",  # W/m2, on the outer face
+    "air_outdoor",  # degC
+    "air_indoor",  # degC
+    "wind",  # m/s
+    "rain",  # mm/h
+    "heating",  # 0..1, or W
+    "flux_left",  # W/m2, positive along +x
+    "flux_right",  # W/m2, positive along +x
+)
+_AIR = ("air_outdoor", "air_indoor")
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What was logged at and in a wall, at a uniform step.
+
+    Arguments:
+        time: s since the first row, (time,).
+        stamps: the rows' times as in the file: datetime64[ns] by the clock of `zone`, or s, (time,).
+        zone: fixed offset of the stamps from UTC, such as "+01:00" or "Z"; None where none is given.
+        faces: left and right face temperature, degC, (time, 2).
+        sensors: inner temperatures, degC, NaN where missing, (time, sensor).
+        names: of the sensors.
+        regressors: other columns by their keys in `REGRESSORS`, NaN where missing, (time,) each.
+        boundary_noise_std: of the faces' readings, K.
+        flux_noise_std: of the flux readings, W/m2; None where not stated.
+        flux_gain_std: relative standard deviation of the flux sensors' gain; None where not stated.
+        file: where it was read from, for messages.
+
+    Raises:
+        InputError: a standard deviation that is negative or not a number.
+    """
+
+    time: np.ndarray
+    stamps: np.ndarray
+    zone: str | None
+    faces: np.ndarray
+    sensors: np.ndarray
+    names: tuple[str, ...]
+    regressors: Mapping[str, np.ndarray] = field(default_factory=dict)
+    boundary_noise_std: float = 0.1
+    flux_noise_std: float | None = None
+    flux_gain_std: float | None = None
+    file: str = "record"
+
+    def __post_init__(self) -> None:
+        settle(self, boundary_noise_std=number("boundary_noise_std", self.boundary_noise_std, "K", least=0))
+        if self.flux_noise_std is not None:
+            settle(self, flux_noise_std=number("flux_noise_std", self.flux_noise_std, "W/m2", above=0))
+        if self.flux_gain_std is not None:
+            settle(self, flux_gain_std=number("flux_gain_std", self.flux_gain_std, least=0))
+
+    @cached_property
+    def step(self) -> float:
+        """Time from row to row, s."""
+        return float(np.median(np.diff(self.time)))
+
+    @property
+    def rows(self) -> int:
+        """How many rows."""
+        return len(self.time)
+
+    @property
+    def duration(self) -> float:
+        """From the first row to the last, s."""
+        return float(self.time[-1] - self.time[0])
+
+    def rows_per(self, days: float) -> int:
+        """How many rows make so many days."""
+        return max(1, round(days * 86400.0 / self.step))
+
+    def window(self, start_row: int, rows: int) -> Record:
+        """Consecutive rows as a record of their own, whose time restarts at 0.
+
+        Raises:
+            InputError: fewer than two rows, or rows that are not there.
+        """
+        if start_row < 0 or rows < 2 or start_row + rows > self.rows:
+            raise InputError(
+                f"{self.file}: a window of {rows} rows from row {start_row}; it must have at least 2 rows "
+                f"and lie within the record's {self.rows}"
+            )
+        part = slice(start_row, start_row + rows)
+        return replace(
+            self,
+            time=self.time[part] - self.time[start_row],
+            stamps=self.stamps[part],
+            faces=self.faces[part],
+            sensors=self.sensors[part],
+            regressors={key: values[part] for key, values in self.regressors.items()},
+        )
+
+    def stamp(self, row: int) -> str | float:
+        """The time of a row in the record's own format; of the row after the last, one step later.
+
+        Returns:
+            ISO 8601 to the second, with the zone where there is one; or s where the file has s.
+
+        Raises:
+            InputError: a row that is not there.
+        """
+        if not 0 <= row <= self.rows:
+            raise InputError(f"{self.file}: row {row}; it must lie between 0 and {self.rows}")
+        beyond = row == self.rows
+        stamp = self.stamps[row - beyond]
+        if not isinstance(stamp, np.datetime64):
+            return float(stamp) + beyond * self.step
+        half_second = np.timedelta64(500_000_000, "ns")  # so that the cut to seconds rounds
+        stamp = stamp + beyond * np.timedelta64(round(self.step * 1e9), "ns") + half_second
+        return f"{np.datetime_as_string(stamp, unit='s')}{self.zone or ''}"
+
+    def summary(self) -> str:
+        """A few lines: span, step, rows, missing values, range of each face."""
+        low, high = self.faces.min(axis=0), self.faces.max(axis=0)
+        first, last = (
+            s if isinstance(s := self.stamp(row), str) else f"{s:.15g} s" for row in (0, self.rows - 1)
+        )
+        missing = np.isnan(self.sensors).sum(axis=0)
+        gaps = ", ".join(f"{name} {count}" for name, count in zip(self.names, missing, strict=True) if count)
+        lines = [
+            f"{Path(self.file).name}: {self.rows} rows, one every {self.step:g} s, "
+            f"{self.duration / 86400:.4g} d",
+            f"  from {first} to {last}",
+            f"  faces: left {low[0]:.1f} to {high[0]:.1f} degC, right {low[1]:.1f} to {high[1]:.1f} degC",
+            f"  inner sensors: {', '.join(self.names) or 'none'}; missing values: {gaps or 'none'}",
+        ]
+        if self.regressors:
+            lines.append(f"  also: {', '.join(self.regressors)}")
+        return "\n".join(lines)
+
+    __str__ = summary
+
+
+def read_record(
+    path: str | os.PathLike[str],
+    *,
+    time: str,
+    left: str,
+    right: str,
+    sensors: Sequence[str] = (),
+    regressors: Mapping[str, str] | None = None,
+    boundary_noise_std: float = 0.1,
+    flux_noise_std: float | None = None,
+    flux_gain_std: float | None = None,
+) -> Record:
+    """A record from a CSV file with a header.
+
+    Arguments:
+        time: the column of times: ISO 8601 (with or without zone), or s.
+        left, right: the columns of the face temperatures at x = 0 and x = length, degC.
+        sensors: the inner sensors' columns, degC; empty cells are missing values.
+        regressors: a column for any of the keys in `REGRESSORS`.
+        boundary_noise_std: K. flux_noise_std: W/m2. flux_gain_std: relative.
+
+    Raises:
+        InputError: what is wrong with the file, with its line and column.
+    """
+    regressors = dict(regressors or {})
+    for key in regressors:
+        if key not in REGRESSORS:
+            raise InputError(f'unknown regressor "{key}"; known are {", ".join(REGRESSORS)}')
+    for name, count in Counter([time, left, right, *sensors]).items():
+        if count > 1:
+            raise InputError(
+                f'{path}: column "{name}" is used {count} times; time, both faces and every sensor need a '
+                "column of their own"
+            )
+    table = read_columns(path, time, [left, right, *sensors, *regressors.values()])
+    inner = [table.temperature(name) for name in sensors]
+    return Record(
+        time=table.time,
+        stamps=table.stamps,
+        zone=table.zone,
+        faces=np.stack([table.face(left), table.face(right)], axis=1),
+        sensors=np.stack(inner, axis=1) if inner else np.empty((len(table.time), 0)),
+        names=tuple(sensors),
+        regressors={
+            key: (table.temperature if key in _AIR else table.present)(name)
+            for key, name in regressors.items()
+        },
+        boundary_noise_std=boundary_noise_std,
+        flux_noise_std=flux_noise_std,
+        flux_gain_std=flux_gain_std,
+        file=table.place.file,
+    )

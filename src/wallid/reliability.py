@@ -1,0 +1,163 @@
+"""The whole record against the prediction, and what the estimate means for heat through the wall."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .case import Case
+from .estimate import Estimate, paper_sigma
+from .experiment import Experiment, Window, check_driven, experiment, fit_profile, large_model, scales
+from .lom import Output
+from .metrics import eps_2
+from .simulate import simulate
+from .statespace import StateSpace
+
+_LOAD_STEPS = (0.8, 0.9, 1.0, 1.1, 1.2)  # of the diffusivity, as in the paper's figure
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Heat through the inner face at fixed conductivity, `c = k/alpha`.
+
+    Arguments:
+        flux: j = -k dT/dx at the inner face, positive along +x, W/m2.
+        factors: of the estimated diffusivity.
+        energy: E, the integral of j over the record at each factor, J/m2, signed.
+        conductivity: W/m/K.
+    """
+
+    flux: np.ndarray = field(repr=False)
+    factors: np.ndarray
+    energy: np.ndarray
+    conductivity: float
+
+    @property
+    def change(self) -> np.ndarray:
+        """E over its value at the estimate, minus one."""
+        at_estimate = self.energy[np.argmin(np.abs(self.factors - 1.0))]
+        return self.energy / at_estimate - 1.0
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """The record's sensors predicted with the prior and with the estimate.
+
+    Arguments:
+        days: of the rows, from the record's first.
+        measured, prior, predicted: degC, `(time, sensor)`.
+        sigma: the paper's combined uncertainty of each reading, K, `(time, sensor)`.
+        profile_eps_2: root mean square of the initial profile's fit, K; None where it was given.
+        loads: None where the case states no conductivity.
+    """
+
+    days: np.ndarray = field(repr=False)
+    names: tuple[str, ...]
+    measured: np.ndarray = field(repr=False)
+    prior: np.ndarray = field(repr=False)
+    predicted: np.ndarray = field(repr=False)
+    sigma: np.ndarray = field(repr=False)
+    profile_eps_2: float | None
+    loads: Loads | None
+
+    @property
+    def residual(self) -> np.ndarray:
+        """Measured minus predicted with the estimate, K; NaN where missing."""
+        return self.measured - self.predicted
+
+    @property
+    def residual_prior(self) -> np.ndarray:
+        """Measured minus predicted with the prior, K; NaN where missing."""
+        return self.measured - self.prior
+
+    def __str__(self) -> str:
+        lines = ["whole record   rms residual, K     prior  estimate   sigma (noise and position)"]
+        for s, name in enumerate(self.names):
+            before = eps_2(self.measured[:, s], self.prior[:, s])
+            after = eps_2(self.measured[:, s], self.predicted[:, s])
+            sigma = np.sqrt(np.mean(self.sigma[:, s] ** 2))
+            lines.append(f"  {name:<29} {before:8.3f}  {after:8.3f}  {sigma:8.3f}")
+        if self.loads is None:
+            lines.append("heat loads     need a conductivity: put `conductivity` (W/m/K) in [wall]")
+        else:
+            energy = self.loads.energy[np.argmin(np.abs(self.loads.factors - 1.0))]
+            low, high = self.loads.change[0], self.loads.change[-1]
+            lines.append(
+                f"heat loads     E = {energy / 3.6e6:+.2f} kWh/m2 through the inner face; "
+                f"{low:+.1%} to {high:+.1%} for -20 % to +20 % of the diffusivity"
+            )
+        return "\n".join(lines)
+
+
+def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> Reliability:
+    """Predict the whole record, by `diffrax.diffeqsolve`, with the prior and with the estimate.
+
+    Arguments:
+        model: the model to predict with, such as the reduced one; None for the large model.
+
+    Raises:
+        InputError: a reduced model that does not know what a face of the record does.
+    """
+    whole = Window(0, case.record.rows)
+    inner = 0.0 if case.wall.inside == "left" else case.wall.length
+    large = large_model(
+        case,
+        [*(Output(s.position, "gradient", f"gradient {s.name}") for s in case.sensors), Output(inner, "flux")],
+    )
+    sensors = len(case.sensors)
+    model = large.select(list(range(sensors))) if model is None else model
+    check_driven(model, case, whole)
+    data, scale = experiment(case), scales(case)
+    fourier = [scale.fourier(alpha) for alpha in (case.wall.diffusivity_prior, fit.value)]
+    prior, predicted = np.asarray(data.celsius(_predict(model, jnp.asarray(fourier), data)))
+    offsets = np.array([fit.offsets.get(sensor.name, (0.0, 0.0))[0] for sensor in case.sensors])
+    gradients = large.select(list(range(sensors, 2 * sensors)))
+    gradient = np.asarray(_predict(gradients, jnp.asarray(fourier[1:]), data)[0])
+    gradient = gradient * scale.temperature / case.wall.length
+    sigma = paper_sigma(
+        np.array([sensor.noise_std for sensor in case.sensors]),
+        gradient,
+        np.array([sensor.position_std for sensor in case.sensors]),
+    )
+    return Reliability(
+        days=np.asarray(case.record.time) / 86400.0,
+        names=tuple(sensor.name for sensor in case.sensors),
+        measured=np.asarray(case.record.sensors),
+        prior=prior + offsets,
+        predicted=predicted + offsets,
+        sigma=sigma,
+        profile_eps_2=fit_profile(case, 0).eps_2,
+        loads=_loads(case, fit, large, data),
+    )
+
+
+@eqx.filter_jit
+def _predict(
+    system: StateSpace, fourier: Float[Array, " case"], data: Experiment
+) -> Float[Array, "case time output"]:
+    """Dimensionless outputs at each diffusivity."""
+    return jax.lax.map(lambda fo: simulate(system, fo, data.time, data.inputs, data.initial)[0], fourier)
+
+
+def _loads(case: Case, fit: Estimate, large: StateSpace, data: Experiment) -> Loads | None:
+    """Flux and load at the inner face over the whole record."""
+    conductivity = case.wall.effective_conductivity
+    if conductivity is None:
+        return None
+    scale = scales(case)
+    factors = np.array(_LOAD_STEPS)
+    fourier = jnp.asarray(factors * scale.fourier(fit.value))
+    output = large.select([large.C.shape[0] - 1])
+    flux = np.asarray(_predict(output, fourier, data))[:, :, 0]
+    flux = flux * conductivity * scale.temperature / case.wall.length
+    return Loads(
+        flux=flux[np.argmin(np.abs(factors - 1.0))],
+        factors=factors,
+        energy=np.trapezoid(flux, dx=case.record.step, axis=1),
+        conductivity=conductivity,
+    )

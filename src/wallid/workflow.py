@@ -1,0 +1,133 @@
+"""The whole method on a case, stage by stage: design, learn, estimate, reliability."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .case import Case
+from .design import Design, Lengths, design, lengths
+from .estimate import Estimate, estimate, seconds_of_estimate
+from .experiment import Window, large_model
+from .learning import learn, learning_signals
+from .mim import Learned, sweep_orders
+from .reliability import Reliability, reliability
+from .sensitivity import Integrator
+from .statespace import StateSpace
+
+Progress = Callable[[str, float], None]
+"""Told the stage now beginning, and the share of the work done before it, 0 to 1."""
+
+_DAYS = (1.0, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0)  # of the compromise figure
+_MOST_ROWS = 20_000  # past this, one length of the compromise costs seconds: not part of a run
+
+
+@dataclass
+class Run:
+    """What a run has found so far; None where it did not go there.
+
+    Arguments:
+        seconds: per stage, wall clock, compilation included.
+    """
+
+    case: Case
+    design: Design | None = None
+    lengths: Lengths | None = None
+    learned: Learned | None = None
+    orders: list[Learned] = field(default_factory=list)
+    fit: Estimate | None = None
+    reliability: Reliability | None = None
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def timed(self, stage: str):
+        """Add a block's wall clock to a stage."""
+        began = clock.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + clock.perf_counter() - began
+
+    def __str__(self) -> str:
+        parts = [self.case, self.design, self.learned, self.fit, self.reliability]
+        return "\n\n".join(str(part) for part in parts if part is not None)
+
+
+def run(
+    case: Case,
+    *,
+    stages: Sequence[str] = ("design", "lengths", "learn", "estimate", "reliability"),
+    window: Window | None = None,
+    orders: Sequence[int] = (),
+    integrator: Integrator = "propagator",
+    progress: Progress = lambda stage, share: None,
+) -> Run:
+    """The method on a case; the stages asked for, in their order.
+
+    Arguments:
+        window: given by hand; None for the design's best.
+        orders: reduced models to learn for the figure of error against order.
+        integrator: how the design's, the learning's and the estimate's rows are stepped through.
+        progress: told of each stage.
+
+    Raises:
+        InputError: what the case cannot give, named.
+    """
+    done = Run(case)
+    weights = {"design": 2.0, "lengths": 4.0, "learn": 5.0 + 4.0 * len(orders), "estimate": 3.0, "reliability": 4.0}
+    total, passed = sum(weights[stage] for stage in stages), 0.0
+
+    def begin(stage: str, words: str) -> None:
+        nonlocal passed
+        progress(words, passed / total)
+        passed += weights[stage]
+
+    if "design" in stages:
+        begin("design", "design: which days tell most")
+        with done.timed("design"):
+            done.design = design(case)
+    if window is None:
+        window = done.design.best if done.design else design(case).best
+    model: StateSpace | None = None
+    if "learn" in stages and case.choices.model == "mim":
+        begin("learn", "learn: a reduced model for these days")
+        with done.timed("learn"):
+            done.learned = learn(case, window)
+        if orders:
+            with done.timed("orders"):
+                large, signals = large_model(case), learning_signals(case, window)
+                done.orders = list(sweep_orders(large, orders, signals))
+        model = done.learned.system
+    elif "estimate" in stages:
+        model = large_model(case)
+    if "estimate" in stages and model is not None:
+        begin("estimate", "estimate: Gauss-Newton")
+        with done.timed("estimate"):
+            done.fit = estimate(case, window, model, integrator=integrator)
+    if "reliability" in stages and done.fit is not None:
+        begin("reliability", "reliability: the whole record")
+        with done.timed("reliability"):
+            done.reliability = reliability(case, done.fit, model)
+    days = _days_within(case)
+    if "lengths" in stages and model is not None and len(days) > 1:
+        begin("lengths", "design: what longer windows give and cost")
+        with done.timed("lengths"):
+            done.lengths = lengths(case, days, lambda found: seconds_of_estimate(case, found, model))
+    progress("done", 1.0)
+    return done
+
+
+def _days_within(case: Case) -> tuple[float, ...]:
+    """The lengths of the compromise figure that fit into half the record at least once."""
+    if case.record.rows > _MOST_ROWS:
+        return ()
+    return tuple(days for days in _DAYS if days <= 0.5 * case.record.duration / 86400.0)
+
+
+def expected_std(run: Run) -> float | None:
+    """The design's expected standard error of alpha at the best window, m2/s."""
+    return None if run.design is None else float(1.0 / np.sqrt(run.design.information[0].max()))

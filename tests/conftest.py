@@ -1,0 +1,28 @@
+"""Shared settings: float64, and every shape in a signature checked while the tests run."""
+
+import os
+
+os.environ.setdefault("JAX_ENABLE_X64", "1")
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+
+from jaxtyping import install_import_hook  # noqa: E402
+
+install_import_hook("wallid", "beartype.beartype")
+
+from pathlib import Path  # noqa: E402
+
+import hypothesis  # noqa: E402
+import pytest  # noqa: E402
+
+hypothesis.settings.register_profile("wallid", deadline=None, derandomize=True, print_blob=True)
+hypothesis.settings.load_profile("wallid")
+
+DATA = Path(os.environ.get("WALLID_DATA", Path(__file__).parents[2] / "shared" / "data"))
+
+
+@pytest.fixture
+def measured():
+    """The folder of measured records; a test that needs it is skipped where it is absent."""
+    if not DATA.is_dir():
+        pytest.skip(f"no measured records at {DATA}; set WALLID_DATA to their folder")
+    return DATA
