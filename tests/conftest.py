@@ -7,7 +7,7 @@ os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 from jaxtyping import install_import_hook  # noqa: E402
 
-install_import_hook("wallid", "beartype.beartype")
+install_import_hook("wallid", "typechecker.check")
 
 from pathlib import Path  # noqa: E402
 

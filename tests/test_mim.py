@@ -92,7 +92,9 @@ def test_it_carries_the_initial_state(wall_large):
     initial = jnp.asarray([0.7, 0.3, -0.7])
     fo = fourier(2e-6, 0.43)
     want, got = (wallid.propagate(s, fo, 1 / 24.0, inputs, initial)[0] for s in (wall_large, reduced))
-    assert np.abs(want - got).max() < 2e-3
+    # the jump between profile and faces (0.1, which is 2 K) is right from the first row on
+    assert np.abs(want - got)[0].max() < 5e-3
+    assert np.abs(want - got)[1:].max() < 1e-5
 
 
 def test_it_is_exact_at_rest_whatever_the_level(wall_large):
@@ -124,7 +126,8 @@ def test_the_layered_wall_learns_its_straight_line_too():
     )
     reduced = wallid.mim.learn_system(large, 10, line).system
     u, v = (wallid.propagate(s, 0.4, 1 / 24.0, faces(np.zeros(73), 1.0), jnp.asarray([0.0, 1.0]))[0] for s in (large, reduced))
-    assert np.abs(u - v).max() < 1e-4
+    assert np.abs(u - v)[0].max() < 1e-3
+    assert np.abs(u - v)[1:].max() < 1e-5
 
 
 def test_the_residuals_derivative_is_exact(wall_large):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, no_type_check
 
 from ._columns import FEWEST_ROWS
 from ._fields import InputError, number, one_of, series, settle, whole
@@ -14,6 +14,7 @@ _MOST_DAYS = 1e5
 _MOST_NODES = 5000  # past it, the dense matrices of the large model fill the memory
 
 
+@no_type_check
 @dataclass(frozen=True)
 class Choices:
     """What to do with a case; everything has a default.
@@ -57,26 +58,28 @@ class Choices:
         one_of("model", self.model, ("mim", "lom"))
         settle(
             self,
-            window_days=number("window_days", self.window_days, "days", above=0, most=_MOST_DAYS),
+            window_days=number("window_days", self.window_days, "days", above=0.0, most=_MOST_DAYS),
             order="auto" if self.order == "auto" else whole("order", self.order, 1, 60, instead='or "auto"'),
             nodes=whole("nodes", self.nodes, 5, _MOST_NODES),
             initial_profile=whole("initial_profile", self.initial_profile, 0, 2),
-            eta=number("eta", self.eta, above=0),
+            eta=number("eta", self.eta, above=0.0),
             seed=whole("seed", self.seed, 0),
             max_iterations=whole("max_iterations", self.max_iterations, 1),
-            largest_interval_factor=number("largest_interval_factor", self.largest_interval_factor, above=1),
+            largest_interval_factor=number(
+                "largest_interval_factor", self.largest_interval_factor, above=1.0
+            ),
         )
         if self.diagnose_days is not None:
             settle(
                 self,
-                diagnose_days=number("diagnose_days", self.diagnose_days, "days", above=0, most=_MOST_DAYS),
+                diagnose_days=number("diagnose_days", self.diagnose_days, "days", above=0.0, most=_MOST_DAYS),
             )
         if self.initial_coefficients is not None:
             coefficients = series("initial_coefficients", self.initial_coefficients, "degC")
             settle(self, initial_coefficients=coefficients)
         if self.learning_diffusivities is not None:
             name = "learning_diffusivities"
-            values = series(name, self.learning_diffusivities, "m2/s", fewest=2, above=0)
+            values = series(name, self.learning_diffusivities, "m2/s", fewest=2, above=0.0)
             if len(set(values)) < 2:
                 raise InputError(f"{name} = {list(values)}; at least 2 must differ")
             settle(self, learning_diffusivities=values)

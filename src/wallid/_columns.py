@@ -137,9 +137,7 @@ def _read_header(file: str) -> list[str]:
     except UnicodeDecodeError as error:
         raise _not_utf8(file) from error
     if not header:
-        raise InputError(
-            f"{file}: is empty or begins with an empty line; line 1 must be a header of column names"
-        )
+        raise InputError(f"{file}: line 1 is empty; it must be a header of column names")
     if len(header) == 1 and (found := re.search("[;\t|]", header[0])):
         raise InputError(
             f"{file}: line 1: the columns are separated by {show(found[0])}; they must be by a comma"

@@ -1,4 +1,8 @@
-"""Checks of what a person wrote: each refusal names the field, what was found and what is right."""
+"""Checks of what a person wrote: each refusal names the field, what was found and what is right.
+
+The classes that use them for all their fields are `no_type_check`: a type checker at run time, as in
+the tests, would refuse a value first, with a message for programmers.
+"""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, no_type_check
 
 import numpy as np
 
@@ -24,6 +24,7 @@ _LEARNING_FACTORS = (0.25, 1.0, 4.0, 16.0)  # of the prior, which may be wrong b
 _BOUNDARY_NOISE_STD = 0.1  # K, where no inner sensor tells how well was measured
 
 
+@no_type_check
 @dataclass(frozen=True, eq=False)
 class LearningSignal:
     """One run of the large model that the reduced model learns from.
@@ -46,7 +47,7 @@ class LearningSignal:
     def __post_init__(self) -> None:
         settle(
             self,
-            diffusivity=number("diffusivity", self.diffusivity, "m2/s", above=0),
+            diffusivity=number("diffusivity", self.diffusivity, "m2/s", above=0.0),
             coefficients=series("initial_coefficients", self.coefficients, "degC"),
         )
 
@@ -275,7 +276,7 @@ def _plan_learning(table: object) -> _LearningPlan:
     for count, signal in enumerate(tables("learning.signal", values["signal"]), start=1):
         with within(f"[[learning.signal]] {count}"):
             one = keys(signal, ("diffusivity", "left", "right"))
-            diffusivity = number("diffusivity", one["diffusivity"], "m2/s", above=0)
+            diffusivity = number("diffusivity", one["diffusivity"], "m2/s", above=0.0)
             signals.append((diffusivity, text("left", one["left"]), text("right", one["right"])))
     return _LearningPlan(file, time, coefficients, tuple(signals))
 

@@ -177,7 +177,7 @@ def _work(name, model, stages, out, json, quiet, integrator, orders, from_row) -
     elif not quiet:
         print(done)
         print(f"\nwrote        {', '.join(path.name for path in written)} to {out}")
-    return done.fit is None or done.fit.reliable
+    return not done.unreliable
 
 
 def _parse_orders(text: str) -> tuple[int, ...]:

@@ -27,7 +27,8 @@ from .case import Case
 from .experiment import Experiment, Window, dimensionless_profile, experiment, fit_profile, large_model, scales, window_rows
 from .simulate import propagate
 from .statespace import StateSpace
-from .wall import InputError
+
+_HOPELESS = 1e3  # relative standard error
 
 Sweep = Literal["map", "vmap"]
 """One window after the other (faster on a CPU), or all at once."""
@@ -67,13 +68,31 @@ class Design:
         """The candidates' starts in days after the record's."""
         return self.starts * self.step / 86400.0
 
+    @property
+    def expected_error(self) -> float:
+        """The relative standard error that the sensors' noise alone leaves in the best window, 1."""
+        most = float(self.information[0].max())
+        return 1.0 / np.sqrt(most) / self.diffusivities[0] if most > 0 else np.inf
+
+    @property
+    def informative(self) -> bool:
+        """Whether any window holds information at all; an estimate need not be tried where none does.
+
+        The bar is low, since the prior diffusivity may be far off.
+        """
+        return self.expected_error < _HOPELESS
+
     def __str__(self) -> str:
-        expected = 1.0 / np.sqrt(self.information[0].max()) / self.diffusivities[0]
+        if not self.informative:
+            return (
+                f"no window of {self.rows} rows tells anything about the diffusivity: the faces stand still, "
+                "or no inner sensor has a reading while they move"
+            )
         near = int(np.sum(self.criterion[0] >= 0.98))
         return (
             f"best window  {self.labels[0]} to {self.labels[1]} ({self.rows} rows), of {len(self.starts)} candidates\n"
             f"criterion    at alpha = {self.diffusivities[0]:.3g} m2/s; {near} candidate(s) within 2 % of the largest\n"
-            f"expected     a relative standard error of {expected:.2%} from the sensors' noise alone"
+            f"expected     a relative standard error of {self.expected_error:.2%} from the sensors' noise alone"
         )
 
 
@@ -100,7 +119,7 @@ def design(
         model: a large model at hand, to spare building it.
 
     Raises:
-        InputError: the window is longer than the record, or no window holds any information.
+        ValueError: an unknown sweep.
     """
     if sweep not in ("map", "vmap"):
         raise ValueError(f'sweep: {sweep!r}; it is "map" or "vmap"')
@@ -114,21 +133,14 @@ def design(
     data = experiment(case)
     fourier = jnp.asarray([scale.fourier(alpha) for alpha in alphas])
     if restart:
-        profiles = np.stack(
-            [dimensionless_profile(fit_profile(case, int(row)).coefficients, scale) for row in starts]
-        )
+        profiles = start_profiles(case, starts)
         info = window_information(
-            system, fourier, data, jnp.asarray(starts), jnp.asarray(profiles), rows=rows, sweep=sweep
-        )
+            system, fourier, data, jnp.asarray(starts), profiles, rows=(rows,), sweep=sweep
+        )[:, :, 0]
     else:
         info = cut_information(system, fourier, data, jnp.asarray(starts), rows=rows)
     per_alpha = scale.fourier(1.0) * scale.temperature
     information = np.asarray(info) * per_alpha**2
-    if not np.all(np.isfinite(information)) or information[0].max() <= 0:
-        raise InputError(
-            f"record: no window of {days:g} days holds any information on the diffusivity; the faces stand "
-            "still, or no inner sensor has a reading there"
-        )
     best = int(np.argmax(information[0]))
     row = int(starts[best])
     return Design(
@@ -143,19 +155,26 @@ def design(
     )
 
 
+def start_profiles(case: Case, starts: np.ndarray) -> Float[Array, "window param"]:
+    """The dimensionless initial profile of each window."""
+    scale = scales(case)
+    fitted = [dimensionless_profile(fit_profile(case, int(row)).coefficients, scale) for row in starts]
+    return jnp.asarray(np.stack(fitted))
+
+
 def candidate_starts(record_rows: int, rows: int, every: int) -> np.ndarray:
     """First rows of windows of `rows` rows inside a record, `every` rows apart."""
     spare = record_rows - rows
     return np.arange(0, spare + 1, min(every, max(1, spare // 2)))
 
 
-def _offset_projected(theta: Array, weight: Array, offset_std: Array) -> Float[Array, ""]:
-    """`sum_s` of the information on Fo, in u, with constant offsets projected out."""
+def _information(theta: Array, weight: Array, offset_std: Array) -> Float[Array, " time"]:
+    """Information on Fo (in u) of the readings up to each row, constant offsets projected out."""
     scaled = theta * weight
-    direct = jnp.sum(scaled**2, axis=0)
+    direct = jnp.cumsum(scaled**2, axis=0)
     precision = jnp.where(offset_std > 0, 1.0 / jnp.where(offset_std > 0, offset_std, 1.0) ** 2, jnp.inf)
-    shared = jnp.sum(scaled * weight, axis=0) ** 2 / (jnp.sum(weight**2, axis=0) + precision)
-    return jnp.sum(direct - shared)
+    shared = jnp.cumsum(scaled * weight, axis=0) ** 2 / (jnp.cumsum(weight**2, axis=0) + precision)
+    return jnp.sum(direct - shared, axis=1)
 
 
 @eqx.filter_jit
@@ -166,23 +185,31 @@ def window_information(
     starts: Int[Array, " window"],
     profiles: Float[Array, "window param"],
     *,
-    rows: int,
+    rows: tuple[int, ...],
     sweep: Sweep = "map",
-) -> Float[Array, "case window"]:
-    """The information of each window on Fo (in u), theta restarted at each window's start."""
+) -> Float[Array, "case window length"]:
+    """The information of each window on Fo (in u), theta restarted at each window's start.
+
+    Arguments:
+        starts: first rows of the windows.
+        profiles: the initial profile at each start.
+        rows: the windows' lengths; all come from one run of the longest. What would lie past the
+            record's end holds no readings.
+    """
+    longest = max(rows)
+    inputs_on = jnp.pad(data.inputs, ((0, longest), (0, 0)), mode="edge")
+    weight_on = jnp.pad(data.weight, ((0, longest), (0, 0)))
 
     def one(fo: Array, start: Array, profile: Array) -> Array:
-        inputs = jax.lax.dynamic_slice_in_dim(data.inputs, start, rows)
-        weight = jax.lax.dynamic_slice_in_dim(data.weight, start, rows)
+        inputs = jax.lax.dynamic_slice_in_dim(inputs_on, start, longest)
+        weight = jax.lax.dynamic_slice_in_dim(weight_on, start, longest)
         _, theta = propagate(system, fo, data.step, inputs, profile, sensitivity=True)
-        return _offset_projected(theta, weight, data.offset_std)
+        return _information(theta, weight, data.offset_std)[np.asarray(rows) - 1]
 
     if sweep == "vmap":
         windows = jax.vmap(one, in_axes=(None, 0, 0))
         return jax.vmap(windows, in_axes=(0, None, None))(fourier, starts, profiles)
-    return jax.lax.map(
-        lambda fo: jax.lax.map(lambda window: one(fo, *window), (starts, profiles)), fourier
-    )
+    return jax.lax.map(lambda fo: jax.lax.map(lambda window: one(fo, *window), (starts, profiles)), fourier)
 
 
 @eqx.filter_jit
@@ -202,7 +229,7 @@ def cut_information(
         def one(start: Array) -> Array:
             cut = jax.lax.dynamic_slice_in_dim(theta, start, rows)
             weight = jax.lax.dynamic_slice_in_dim(data.weight, start, rows)
-            return _offset_projected(cut, weight, data.offset_std)
+            return _information(cut, weight, data.offset_std)[-1]
 
         return jax.lax.map(one, starts)
 
@@ -241,12 +268,19 @@ def lengths(
         cost: seconds of an estimate from a window, such as `seconds_of_estimate` measures.
         on_length: told of each length when it is done.
     """
-    large = large_model(case)
-    information, seconds = [], []
-    for length in days:
-        found = design(case, window_days=length, model=large)
-        information.append(found.information[0].max())
-        seconds.append(cost(found.best))
+    rows = tuple(window_rows(case, length) for length in days)
+    every = max(1, round(86400.0 / case.record.step))
+    starts = candidate_starts(case.record.rows, min(rows), every)
+    fourier = jnp.asarray([scales(case).fourier(case.wall.diffusivity_prior)])
+    information = np.asarray(
+        window_information(
+            large_model(case), fourier, experiment(case), jnp.asarray(starts), start_profiles(case, starts), rows=rows
+        )
+    )[0]
+    best, seconds = [], []
+    for k, length in enumerate(days):
+        whole = np.where(starts + rows[k] <= case.record.rows, information[:, k], -np.inf)
+        best.append(whole.max())
+        seconds.append(cost(Window(int(starts[np.argmax(whole)]), rows[k])))
         on_length(length)
-    best = np.array(information)
-    return Lengths(np.asarray(days, float), best / best.max(), np.array(seconds))
+    return Lengths(np.asarray(days, float), np.array(best) / max(best), np.array(seconds))

@@ -64,14 +64,19 @@ def learning_signals(case: Case, window: Window) -> Signals:
     else:
         part = case.record.window(window.row, window.rows)
         step = part.step
-        courses = _face_courses(np.asarray(part.faces)) / scale.temperature
+        courses = [course / scale.temperature for course in _face_courses(np.asarray(part.faces))]
         diffusivities = list(case.choices.learning_diffusivities or ())
         runs += [(alpha, course, np.zeros(count)) for alpha in diffusivities for course in courses]
-    rows = runs[0][1].shape[0]
+    rows = runs[0][1].shape[0] if case.learning else window.rows
     # a straight line is at rest in a homogeneous wall: the model has it without learning
     for degree in range(1 if case.wall.layers else 2, count):
         faces = np.tile([0.0, 1.0], (rows, 1))
         runs += [(alpha, faces, np.eye(count)[degree]) for alpha in diffusivities]
+    if not runs:
+        raise InputError(
+            "record: neither face moves in this window, so a reduced model has nothing to learn from; "
+            'take another window, or [choices] model = "lom"'
+        )
     return Signals(
         fourier=np.array([scale.fourier(alpha) for alpha, _, _ in runs]),
         step=step / scale.time,
@@ -80,18 +85,13 @@ def learning_signals(case: Case, window: Window) -> Signals:
     )
 
 
-def _face_courses(faces: np.ndarray) -> np.ndarray:
-    """Each face alone, from its first value, with the other one at rest."""
+def _face_courses(faces: np.ndarray) -> list[np.ndarray]:
+    """Each face alone, from its first value, with the other one at rest; none where both stand still."""
     moves = faces - faces[0]
     still = np.ptp(moves, axis=0) < _STILL
-    if still.all():
-        raise InputError(
-            "record: neither face moves in this window, so a reduced model has nothing to learn from; "
-            'take a longer window, or [choices] model = "lom"'
-        )
     courses = []
-    for side in (0, 1):
+    for side in (0, 1) if not still.all() else ():
         course = np.zeros_like(moves)
         course[:, side] = moves[:, 1 - side if still[side] else side]
         courses.append(course)
-    return np.stack(courses)
+    return courses

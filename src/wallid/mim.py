@@ -192,7 +192,7 @@ def _setting(lom: StateSpace, signals: Signals, reference: tuple[Array, Array], 
     steady = _steady_inputs(lom)
     free = tuple(int(k) for k in np.flatnonzero(~np.any(steady != 0, axis=0)))
     unlearned = [k for k in free if not np.any(np.asarray(signals.initial)[:, k])]
-    if not any(driven) and len(unlearned) == lom.P.shape[1]:
+    if not any(driven) and len(unlearned) == len(free):
         raise ValueError("signals: none of them moves a face or a profile, so there is nothing to learn from")
     if unlearned:
         raise ValueError(

@@ -110,10 +110,10 @@ def criterion(ax: Axes, design: Design) -> None:
     ax.set(
         xlabel=f"start of the window of {length:.3g} days (days)",
         ylabel=r"$\Psi / \Psi_{max}$",
-        ylim=(0, 1.08),
+        ylim=(0, 1.3),
         title="Which days tell most (D-criterion)",
     )
-    ax.legend()
+    ax.legend(ncols=2, loc="upper right")
 
 
 def compromise(ax: Axes, lengths: Lengths) -> None:
@@ -123,7 +123,7 @@ def compromise(ax: Axes, lengths: Lengths) -> None:
     ax.set_title("What a longer window gives and costs")
     cost = ax.twinx()
     (right,) = cost.plot(lengths.days, 1e3 * lengths.seconds, "s--", color=ORANGE, label="one estimate")
-    cost.set(ylabel="seconds of one estimate × 1000", ylim=(0, None))
+    cost.set(ylabel="time of one estimate (ms)", ylim=(0, None))
     cost.grid(False)
     ax.legend(handles=[left, right], loc="upper left")
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import no_type_check
 
 import numpy as np
 
@@ -30,6 +31,7 @@ REGRESSORS = (
 _AIR = ("air_outdoor", "air_indoor")
 
 
+@no_type_check
 @dataclass(frozen=True, eq=False)
 class Record:
     """What was logged at and in a wall, at a uniform step.
@@ -64,11 +66,11 @@ class Record:
     file: str = "record"
 
     def __post_init__(self) -> None:
-        settle(self, boundary_noise_std=number("boundary_noise_std", self.boundary_noise_std, "K", least=0))
+        settle(self, boundary_noise_std=number("boundary_noise_std", self.boundary_noise_std, "K", least=0.0))
         if self.flux_noise_std is not None:
-            settle(self, flux_noise_std=number("flux_noise_std", self.flux_noise_std, "W/m2", above=0))
+            settle(self, flux_noise_std=number("flux_noise_std", self.flux_noise_std, "W/m2", above=0.0))
         if self.flux_gain_std is not None:
-            settle(self, flux_gain_std=number("flux_gain_std", self.flux_gain_std, least=0))
+            settle(self, flux_gain_std=number("flux_gain_std", self.flux_gain_std, least=0.0))
 
     @cached_property
     def step(self) -> float:

@@ -113,48 +113,46 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
     model = large.select(list(range(sensors))) if model is None else model
     check_driven(model, case, whole)
     data, scale = experiment(case), scales(case)
-    fourier = [scale.fourier(alpha) for alpha in (case.wall.diffusivity_prior, fit.value)]
-    prior, predicted = np.asarray(data.celsius(_predict(model, jnp.asarray(fourier), data)))
+    alphas = np.array([case.wall.diffusivity_prior, fit.value])
+    prior, predicted = np.asarray(data.celsius(_predict(model, scale.fourier(alphas), data)))
     offsets = np.array([fit.offsets.get(sensor.name, (0.0, 0.0))[0] for sensor in case.sensors])
-    gradients = large.select(list(range(sensors, 2 * sensors)))
-    gradient = np.asarray(_predict(gradients, jnp.asarray(fourier[1:]), data)[0])
-    gradient = gradient * scale.temperature / case.wall.length
-    sigma = paper_sigma(
-        np.array([sensor.noise_std for sensor in case.sensors]),
-        gradient,
-        np.array([sensor.position_std for sensor in case.sensors]),
-    )
+    factors = np.array(_LOAD_STEPS)
+    extra = large.select(list(range(sensors, 2 * sensors + 1)))
+    slopes = np.asarray(_predict(extra, scale.fourier(fit.value * factors), data))
+    slopes = slopes * scale.temperature / case.wall.length
+    at_estimate = int(np.argmin(np.abs(factors - 1.0)))
     return Reliability(
         days=np.asarray(case.record.time) / 86400.0,
         names=tuple(sensor.name for sensor in case.sensors),
         measured=np.asarray(case.record.sensors),
         prior=prior + offsets,
         predicted=predicted + offsets,
-        sigma=sigma,
+        sigma=paper_sigma(
+            np.array([sensor.noise_std for sensor in case.sensors]),
+            slopes[at_estimate, :, :-1],
+            np.array([sensor.position_std for sensor in case.sensors]),
+        ),
         profile_eps_2=fit_profile(case, 0).eps_2,
-        loads=_loads(case, fit, large, data),
+        loads=_loads(case, factors, slopes[:, :, -1]),
     )
 
 
 @eqx.filter_jit
 def _predict(
-    system: StateSpace, fourier: Float[Array, " case"], data: Experiment
+    system: StateSpace, fourier: Float[np.ndarray, " case"], data: Experiment
 ) -> Float[Array, "case time output"]:
     """Dimensionless outputs at each diffusivity."""
-    return jax.lax.map(lambda fo: simulate(system, fo, data.time, data.inputs, data.initial)[0], fourier)
+    return jax.lax.map(
+        lambda fo: simulate(system, fo, data.time, data.inputs, data.initial)[0], jnp.asarray(fourier)
+    )
 
 
-def _loads(case: Case, fit: Estimate, large: StateSpace, data: Experiment) -> Loads | None:
-    """Flux and load at the inner face over the whole record."""
+def _loads(case: Case, factors: np.ndarray, slope: np.ndarray) -> Loads | None:
+    """Flux and load at the inner face, from `-(k/k_eff) dT/dx` there at each factor, K/m."""
     conductivity = case.wall.effective_conductivity
     if conductivity is None:
         return None
-    scale = scales(case)
-    factors = np.array(_LOAD_STEPS)
-    fourier = jnp.asarray(factors * scale.fourier(fit.value))
-    output = large.select([large.C.shape[0] - 1])
-    flux = np.asarray(_predict(output, fourier, data))[:, :, 0]
-    flux = flux * conductivity * scale.temperature / case.wall.length
+    flux = conductivity * slope
     return Loads(
         flux=flux[np.argmin(np.abs(factors - 1.0))],
         factors=factors,

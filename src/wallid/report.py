@@ -40,8 +40,8 @@ def result(run: Run) -> dict[str, Any]:
         }
     diffusivity = None if fit is None else _quantity(fit)
     found |= {"diffusivity": diffusivity, "diffusivity_before": diffusivity}
-    found["verdict"] = "uninformative" if fit is not None and not fit.reliable else None
-    found |= {"effects": [], "gap": None, "iterations": None}
+    found["verdict"] = "uninformative" if run.unreliable else None
+    found |= {"effects": [], "gap": None, "iterations": None, "reason": run.unreliable or None}
     if fit is not None:
         gap = float(np.sqrt(np.nanmean(fit.residual**2)))
         found["gap"] = {
@@ -52,7 +52,6 @@ def result(run: Run) -> dict[str, Any]:
             "held_out_after_K": None,
         }
         found["iterations"] = fit.iterations
-        found["reason"] = fit.reason or None
         found["offsets"] = {
             name: {"value": value, "std": std, "unit": "K"} for name, (value, std) in fit.offsets.items()
         }

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import KW_ONLY, dataclass
 from itertools import accumulate
-from typing import Any, Literal
+from typing import Any, Literal, no_type_check
 
 from ._fields import InputError, number, one_of, settle, text
 
@@ -20,6 +20,7 @@ _UNITS_OF_CAPACITY = "heat_capacity is per volume, J/m3/K: density x specific he
 _THICKNESS_TOLERANCE = 1e-6  # of the wall's length
 
 
+@no_type_check
 @dataclass(frozen=True)
 class Layer:
     """A homogeneous layer of a wall.
@@ -39,9 +40,10 @@ class Layer:
 
     def __post_init__(self) -> None:
         for name, unit in (("thickness", "m"), ("conductivity", "W/m/K"), ("heat_capacity", "J/m3/K")):
-            settle(self, **{name: number(name, getattr(self, name), unit, above=0)})
+            settle(self, **{name: number(name, getattr(self, name), unit, above=0.0)})
 
 
+@no_type_check
 @dataclass(frozen=True)
 class Wall:
     """A wall between its two faces.
@@ -70,10 +72,10 @@ class Wall:
     layers: tuple[Layer, ...] = ()
 
     def __post_init__(self) -> None:
-        settle(self, length=number("length", self.length, "m", above=0), layers=tuple(self.layers))
+        settle(self, length=number("length", self.length, "m", above=0.0), layers=tuple(self.layers))
         for name, unit in (("conductivity", "W/m/K"), ("heat_capacity", "J/m3/K")):
             if getattr(self, name) is not None:
-                settle(self, **{name: number(name, getattr(self, name), unit, above=0)})
+                settle(self, **{name: number(name, getattr(self, name), unit, above=0.0)})
         one_of("outside", self.outside, ("left", "right"))
         total = sum(layer.thickness for layer in self.layers)
         if self.layers and abs(total - self.length) > _THICKNESS_TOLERANCE * self.length:
@@ -132,6 +134,7 @@ class Wall:
         return number(f"diffusivity_prior{basis}", value, "m2/s", least=low, most=high, hint=hint)
 
 
+@no_type_check
 @dataclass(frozen=True)
 class Sensor:
     """A temperature sensor in a wall.
@@ -159,12 +162,13 @@ class Sensor:
         settle(
             self,
             position=number("position", self.position, "m"),
-            noise_std=number("noise_std", self.noise_std, "K", above=0),
-            position_std=number("position_std", self.position_std, "m", least=0),
-            offset_std=number("offset_std", self.offset_std, "K", least=0),
+            noise_std=number("noise_std", self.noise_std, "K", above=0.0),
+            position_std=number("position_std", self.position_std, "m", least=0.0),
+            offset_std=number("offset_std", self.offset_std, "K", least=0.0),
         )
 
 
+@no_type_check
 @dataclass(frozen=True)
 class Scales:
     """The reference values of the dimensionless form.
@@ -189,7 +193,7 @@ class Scales:
 
     def __post_init__(self) -> None:
         for name, unit in (("length", "m"), ("time", "s"), ("temperature", "K")):
-            settle(self, **{name: number(name, getattr(self, name), unit, above=0)})
+            settle(self, **{name: number(name, getattr(self, name), unit, above=0.0)})
         settle(self, temperature_min=number("temperature_min", self.temperature_min, "degC"))
 
     @classmethod

@@ -7,8 +7,6 @@ from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from .case import Case
 from .design import Design, Lengths, design, lengths
 from .estimate import Estimate, estimate, seconds_of_estimate
@@ -22,7 +20,7 @@ from .statespace import StateSpace
 Progress = Callable[[str, float], None]
 """Told the stage now beginning, and the share of the work done before it, 0 to 1."""
 
-_DAYS = (1.0, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0)  # of the compromise figure
+_DAYS = (1.0, 2.0, 3.0, 5.0, 10.0)  # of the compromise figure
 _MOST_ROWS = 20_000  # past this, one length of the compromise costs seconds: not part of a run
 
 
@@ -51,6 +49,13 @@ class Run:
             yield
         finally:
             self.seconds[stage] = self.seconds.get(stage, 0.0) + clock.perf_counter() - began
+
+    @property
+    def unreliable(self) -> str:
+        """Why there is no number to rely on; empty where there is one, or none was asked for."""
+        if self.design is not None and not self.design.informative:
+            return str(self.design)
+        return self.fit.reason if self.fit is not None else ""
 
     def __str__(self) -> str:
         parts = [self.case, self.design, self.learned, self.fit, self.reliability]
@@ -90,6 +95,9 @@ def run(
         begin("design", "design: which days tell most")
         with done.timed("design"):
             done.design = design(case)
+        if not done.design.informative:
+            progress("done", 1.0)
+            return done
     if window is None:
         window = done.design.best if done.design else design(case).best
     model: StateSpace | None = None
@@ -126,8 +134,3 @@ def _days_within(case: Case) -> tuple[float, ...]:
     if case.record.rows > _MOST_ROWS:
         return ()
     return tuple(days for days in _DAYS if days <= 0.5 * case.record.duration / 86400.0)
-
-
-def expected_std(run: Run) -> float | None:
-    """The design's expected standard error of alpha at the best window, m2/s."""
-    return None if run.design is None else float(1.0 / np.sqrt(run.design.information[0].max()))
