@@ -191,8 +191,7 @@ def _write_csv(path: Path, time: list[str], columns: dict, decimals: dict) -> No
 
 def _sensors(positions: dict, noise_std, position_std: float) -> str:
     entries = [
-        f'\n[[sensor]]\nname = "{name}"\nposition = {position}\n'
-        f"position_std = {position_std}\nnoise_std = {std}\n"
+        f'\n[[sensor]]\nname = "{name}"\nposition = {position}\nposition_std = {position_std}\nnoise_std = {std}\n'
         for (name, position), std in zip(positions.items(), noise_std, strict=True)
     ]
     return "".join(entries)

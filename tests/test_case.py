@@ -86,9 +86,7 @@ def folder(tmp_path):
 
 def write(path, columns):
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
-    path.write_text(
-        "\n".join([",".join(columns), *(",".join(map(repr, row)) for row in rows)]) + "\n", "utf-8"
-    )
+    path.write_text("\n".join([",".join(columns), *(",".join(map(repr, row)) for row in rows)]) + "\n", "utf-8")
 
 
 @pytest.fixture
@@ -152,9 +150,7 @@ def test_everything_stated(loads):
     noise = "boundary_noise_std = 0.2\nflux_noise_std = 0.5\nflux_gain_std = 0.05\n"
     text = TOML.replace('description = "A wall"', '[case]\nname = "North"\ndescription = "Cold"')
     case = loads(text, ("[[sensor]]", f"{noise}[[sensor]]"), extra=extra)()
-    assert case.choices == Choices(
-        1.0, "auto", (1e-7, 1e-6), "lom", 75, 0, (20.0, -1.5), 1e-14, 3, 2.0, 7, 2.0
-    )
+    assert case.choices == Choices(1.0, "auto", (1e-7, 1e-6), "lom", 75, 0, (20.0, -1.5), 1e-14, 3, 2.0, 7, 2.0)
     record = case.record
     assert (record.boundary_noise_std, record.flux_noise_std, record.flux_gain_std) == (0.2, 0.5, 0.05)
     assert (case.name, case.description) == ("North", "Cold")

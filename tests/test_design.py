@@ -107,11 +107,6 @@ def test_a_record_without_information_says_so(case):
     assert "no window of 72 rows tells anything" in str(found)
 
 
-def test_wrong_sweep_is_named(case):
-    with pytest.raises(ValueError, match="sweep"):
-        wallid.design(case, sweep="loop")
-
-
 def test_the_expected_error_is_what_estimates_scatter_by(case):
     """Over noise seeds, the scatter of the estimate against the design's expected standard error."""
     large = wallid.large_model(case)

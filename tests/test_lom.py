@@ -158,7 +158,9 @@ def test_heat_is_conserved():
     u, _ = wallid.propagate(system, fo, rows[1], faces(1 - np.cos(rows), np.sin(rows) ** 2), jnp.zeros(1))
     u = np.asarray(u)
     stored = np.trapezoid(u[:, 2:], dx=1 / 200, axis=1)
-    entered = fo * np.concatenate([[0], np.cumsum(0.5 * np.diff(rows) * ((u[1:, 0] - u[1:, 1]) + (u[:-1, 0] - u[:-1, 1])))])
+    entered = fo * np.concatenate(
+        [[0], np.cumsum(0.5 * np.diff(rows) * ((u[1:, 0] - u[1:, 1]) + (u[:-1, 0] - u[:-1, 1])))]
+    )
     assert np.abs(stored - entered).max() < 1e-4 * np.abs(stored).max()
 
 

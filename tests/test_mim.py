@@ -55,7 +55,9 @@ def test_explicit_theta_equals_autodiff_of_the_reduced_model(learned):
     inputs, step = faces(unlearned_course()), half_minutes()[1]
     fo = jnp.asarray(fourier(4e-7))
     _, theta = wallid.propagate(system, fo, step, inputs, jnp.zeros(1), sensitivity=True)
-    slope = jax.jvp(lambda f: wallid.propagate(system, f, step, inputs, jnp.zeros(1))[0], (fo,), (jnp.ones_like(fo),))[1]
+    slope = jax.jvp(lambda f: wallid.propagate(system, f, step, inputs, jnp.zeros(1))[0], (fo,), (jnp.ones_like(fo),))[
+        1
+    ]
     assert np.abs(theta - slope).max() < 1e-9 * np.abs(slope).max()
 
 
@@ -125,7 +127,10 @@ def test_the_layered_wall_learns_its_straight_line_too():
         jnp.concatenate([signals.initial, jnp.asarray([[0.0, 1.0]])]),
     )
     reduced = wallid.mim.learn_system(large, 10, line).system
-    u, v = (wallid.propagate(s, 0.4, 1 / 24.0, faces(np.zeros(73), 1.0), jnp.asarray([0.0, 1.0]))[0] for s in (large, reduced))
+    u, v = (
+        wallid.propagate(s, 0.4, 1 / 24.0, faces(np.zeros(73), 1.0), jnp.asarray([0.0, 1.0]))[0]
+        for s in (large, reduced)
+    )
     assert np.abs(u - v)[0].max() < 1e-3
     assert np.abs(u - v)[1:].max() < 1e-5
 

@@ -98,9 +98,7 @@ def test_summary_tells_span_step_rows_and_ranges(record):
 @given(
     step=st.sampled_from([1.0, 30.0, 300.0, 600.0, 3600.0, 86400.0]),
     zone=st.sampled_from(["", "Z", "+00:00", "+01:00", "-09:30", "+0530", "+02"]),
-    start=st.datetimes(pd.Timestamp("1970-01-01"), pd.Timestamp("2100-01-01")).map(
-        lambda t: t.replace(microsecond=0)
-    ),
+    start=st.datetimes(pd.Timestamp("1970-01-01"), pd.Timestamp("2100-01-01")).map(lambda t: t.replace(microsecond=0)),
     data=st.data(),
 )
 def test_a_valid_record_is_read_back_equal(tmp_path_factory, step, zone, start, data):
@@ -194,9 +192,7 @@ def test_rows_per_day(record):
 
 @pytest.mark.parametrize(("start", "rows"), [(-1, 10), (0, 1), (0, 49), (40, 9)])
 def test_a_window_lies_in_the_record(record, start, rows):
-    refuses(
-        lambda: record.window(start, rows), f"{rows} rows from row {start}", "at least 2 rows", "record's 48"
-    )
+    refuses(lambda: record.window(start, rows), f"{rows} rows from row {start}", "at least 2 rows", "record's 48")
 
 
 @pytest.mark.parametrize(
@@ -245,9 +241,7 @@ def test_another_separator(reads):
 
 def test_decimal_commas(reads):
     text = sheet().to_csv(index=False)
-    refuses(
-        reads(text.replace("\n2009", ",0\n2009").replace("T2,0", "T2")), "line 2: more cells than the header"
-    )
+    refuses(reads(text.replace("\n2009", ",0\n2009").replace("T2,0", "T2")), "line 2: more cells than the header")
     refuses(reads(spoil("T1", 5, "20,5")), at(7, "T1"), 'found "20,5"', "decimal point")
 
 
@@ -257,9 +251,7 @@ def test_a_row_that_is_too_long(reads):
 
 
 def test_a_row_that_is_too_short(reads):
-    refuses(
-        reads(sheet().to_csv(index=False) + "2009-01-03T00:00:00,1\n"), at(50, "T_right"), "cell is empty"
-    )
+    refuses(reads(sheet().to_csv(index=False) + "2009-01-03T00:00:00,1\n"), at(50, "T_right"), "cell is empty")
 
 
 def test_a_missing_column(reads):
@@ -280,9 +272,7 @@ def test_a_column_that_is_used_twice(reads, columns):
     refuses(reads(sheet(), **columns), "record.csv: column ", "is used 2 times", "a column of their own")
 
 
-@pytest.mark.parametrize(
-    ("column", "value"), [("T_left", "abc"), ("T1", "--"), ("T2", "True"), ("T2", "0x10")]
-)
+@pytest.mark.parametrize(("column", "value"), [("T_left", "abc"), ("T1", "--"), ("T2", "True"), ("T2", "0x10")])
 def test_a_text_where_a_number_should_be(reads, column, value):
     refuses(reads(spoil(column, 10, value)), at(12, column), f'found "{value}"; it must be a number')
 
@@ -299,9 +289,7 @@ def test_an_infinite_value(reads, column, value):
 def test_a_missing_face_temperature(reads):
     table = spoil("T_left", 20, "")
     table.loc[30, "T_left"] = "NaN"
-    refuses(
-        reads(table), at(22, "T_left"), "2 of 48", "needed in every row", "fill the gaps, or cut the record"
-    )
+    refuses(reads(table), at(22, "T_left"), "2 of 48", "needed in every row", "fill the gaps, or cut the record")
 
 
 def test_blank_lines_do_not_shift_the_line(reads):
@@ -342,18 +330,14 @@ def test_times_with_and_without_zone(reads):
 
 
 def test_a_row_that_stands_twice(reads):
-    message = refuses(
-        reads(spoil("time", 7, "2009-01-01T06:00:00")), at(9, "time"), "a row that stands twice"
-    )
+    message = refuses(reads(spoil("time", 7, "2009-01-01T06:00:00")), at(9, "time"), "a row that stands twice")
     assert "2009-01-01T06:00:00 follows 2009-01-01T06:00:00; times must increase" in message
 
 
 def test_the_end_of_daylight_saving(reads):
     half_hours = pd.date_range("2009-10-25", periods=ROWS, freq="30min")
     times = half_hours.where(half_hours < "2009-10-25T03:00", half_hours - pd.Timedelta("1h"))
-    message = refuses(
-        reads(sheet(time=times.strftime("%Y-%m-%dT%H:%M:%S"))), at(8, "time"), "times must increase"
-    )
+    message = refuses(reads(sheet(time=times.strftime("%Y-%m-%dT%H:%M:%S"))), at(8, "time"), "times must increase")
     assert "2009-10-25T02:00:00 follows 2009-10-25T02:30:00" in message
     assert "daylight saving; log in UTC or standard time" in message
 
@@ -361,9 +345,7 @@ def test_the_end_of_daylight_saving(reads):
 def test_the_start_of_daylight_saving(reads):
     hours = pd.date_range("2009-03-29", periods=ROWS, freq="h")
     times = hours.where(hours < "2009-03-29T02:00", hours + pd.Timedelta("1h"))
-    refuses(
-        reads(sheet(time=times.strftime("%Y-%m-%dT%H:%M:%S"))), at(4, "time"), "7200 s", "daylight saving"
-    )
+    refuses(reads(sheet(time=times.strftime("%Y-%m-%dT%H:%M:%S"))), at(4, "time"), "7200 s", "daylight saving")
 
 
 def test_seconds_that_go_back(reads):
@@ -392,9 +374,7 @@ def test_too_few_rows(reads, rows):
 
 
 def test_kelvin(reads):
-    refuses(
-        reads(sheet(T1=283.0)), 'column "T1": the median is 283, which looks like kelvin', "must be in degC"
-    )
+    refuses(reads(sheet(T1=283.0)), 'column "T1": the median is 283, which looks like kelvin', "must be in degC")
     refuses(reads(sheet(T_left=283.0)), 'column "T_left"', "kelvin")
     options = {"regressors": {"air_outdoor": "air"}}
     refuses(reads(sheet(air=283.0), **options), 'column "air"', "kelvin")

@@ -89,7 +89,9 @@ def test_the_papers_sigma(case, fit, found):
 
 def test_offsets_of_the_estimate_are_in_the_prediction(case, fit, found):
     shifted = wallid.reliability(case, replace(fit, offsets={"T2": (0.25, 0.01)}))
-    np.testing.assert_allclose(shifted.predicted - found.predicted, np.tile([0.0, 0.25, 0.0], (case.record.rows, 1)), atol=1e-12)
+    np.testing.assert_allclose(
+        shifted.predicted - found.predicted, np.tile([0.0, 0.25, 0.0], (case.record.rows, 1)), atol=1e-12
+    )
 
 
 def test_summaries_are_text(found):

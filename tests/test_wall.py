@@ -48,16 +48,12 @@ def test_prior_follows_from_what_is_given():
 
 
 def test_prior_cannot_follow_from_too_little():
-    refuses(
-        lambda: Wall(0.4, conductivity=1.5), "diffusivity_prior is missing", "conductivity and heat_capacity"
-    )
+    refuses(lambda: Wall(0.4, conductivity=1.5), "diffusivity_prior is missing", "conductivity and heat_capacity")
 
 
 @pytest.mark.parametrize("value", [0.28, 1.001e-3, 9.9e-10, -3e-7, 0.0, math.inf])
 def test_prior_must_be_plausible(value):
-    refuses(
-        lambda: Wall(0.4, value), f"diffusivity_prior = {value!r}", "at least 1e-09 and at most 0.001 (m2/s)"
-    )
+    refuses(lambda: Wall(0.4, value), f"diffusivity_prior = {value!r}", "at least 1e-09 and at most 0.001 (m2/s)")
 
 
 def test_implausible_prior_hints_at_units():

@@ -65,9 +65,7 @@ class Choices:
             eta=number("eta", self.eta, above=0.0),
             seed=whole("seed", self.seed, 0),
             max_iterations=whole("max_iterations", self.max_iterations, 1),
-            largest_interval_factor=number(
-                "largest_interval_factor", self.largest_interval_factor, above=1.0
-            ),
+            largest_interval_factor=number("largest_interval_factor", self.largest_interval_factor, above=1.0),
         )
         if self.diagnose_days is not None:
             settle(
@@ -109,6 +107,5 @@ def check_choices(choices: Choices, record: Record) -> None:
     points = 2 + len(record.names)
     if choices.initial_profile >= points:
         raise InputError(
-            f"initial_profile = {choices.initial_profile}; it must be below the number of faces and sensors, "
-            f"{points}"
+            f"initial_profile = {choices.initial_profile}; it must be below the number of faces and sensors, {points}"
         )

@@ -117,9 +117,7 @@ def read_columns(path: str | os.PathLike[str], time: str, columns: Iterable[str]
     cells = _read_cells(file).set_axis(header, axis=1)[[time, *columns]].dropna(how="all")
     lines = cells.index.to_numpy() + 2  # blank lines are dropped after they were counted
     if len(lines) < FEWEST_ROWS:
-        raise InputError(
-            f"{file}: found {len(lines)} rows below the header; at least {FEWEST_ROWS} are needed"
-        )
+        raise InputError(f"{file}: found {len(lines)} rows below the header; at least {FEWEST_ROWS} are needed")
     place = Place(file, lines)
     seconds, stamps, zone = _read_time(place, time, cells[time])
     _check_step(place, time, seconds, stamps, zone)
@@ -139,9 +137,7 @@ def _read_header(file: str) -> list[str]:
     if not header:
         raise InputError(f"{file}: line 1 is empty; it must be a header of column names")
     if len(header) == 1 and (found := re.search("[;\t|]", header[0])):
-        raise InputError(
-            f"{file}: line 1: the columns are separated by {show(found[0])}; they must be by a comma"
-        )
+        raise InputError(f"{file}: line 1: the columns are separated by {show(found[0])}; they must be by a comma")
     return [name.strip() for name in header]
 
 
@@ -170,9 +166,7 @@ def _read_cells(file: str) -> Any:
         ) from error
     except pd.errors.ParserError as error:
         detail = str(error).replace("Error tokenizing data. C error: ", "").strip()
-        raise InputError(
-            f"{file}: {detail}; every row must have one cell for each column of the header"
-        ) from error
+        raise InputError(f"{file}: {detail}; every row must have one cell for each column of the header") from error
 
 
 def _not_utf8(file: str) -> InputError:

@@ -87,9 +87,7 @@ class Case:
             found, wanted = (", ".join(group) or "none" for group in (logged, names))
             raise InputError(f"the record's sensors are {found}; they must be the case's, {wanted}")
         if not self.sensors and not {"flux_left", "flux_right"} & set(self.record.regressors):
-            raise InputError(
-                "no [[sensor]] and no flux; at least one sensor, flux_left or flux_right is needed"
-            )
+            raise InputError("no [[sensor]] and no flux; at least one sensor, flux_left or flux_right is needed")
         with within("[choices]"):
             check_choices(self.choices, self.record)
         if self.choices.learning_diffusivities is None:
@@ -110,8 +108,7 @@ class Case:
             f"prior diffusivity {wall.diffusivity_prior:.3g} m2/s",
             f"sensors   {sensors or 'none'}",
             f"record    {self.record.summary()}",
-            f"choices   windows of {choices.window_days:g} d, model {choices.model}{order}, "
-            f"{choices.nodes} nodes",
+            f"choices   windows of {choices.window_days:g} d, model {choices.model}{order}, {choices.nodes} nodes",
         ]
         return "\n".join(lines).replace("\n", "\n  ")
 
@@ -127,9 +124,7 @@ def load(path_or_name: str | os.PathLike[str]) -> Case:
     """
     path = _find(path_or_name)
     with within(str(path)):
-        document = keys(
-            _parse(path), ("wall", "record"), ("sensor", "choices", "learning", "case", "description")
-        )
+        document = keys(_parse(path), ("wall", "record"), ("sensor", "choices", "learning", "case", "description"))
         name, description = _about(document, path)
         wall = _wall(document["wall"])
         sensors = _sensors(document.get("sensor", []))

@@ -110,9 +110,7 @@ def estimate(
     _go(case, model, ("design", "learn", "estimate"), out, json, quiet, integrator=integrator, from_row=from_row)
 
 
-def _everything(
-    case: str, model: str | None, integrator: str, orders: str, out: Path, json: bool, quiet: bool
-) -> None:
+def _everything(case: str, model: str | None, integrator: str, orders: str, out: Path, json: bool, quiet: bool) -> None:
     stages = ("design", "learn", "estimate", "reliability", "lengths")
     _go(case, model, stages, out, json, quiet, integrator=integrator, orders=orders)
 
@@ -208,7 +206,6 @@ def _progress(silent: bool):
             bar.update(task, description=stage, completed=share)
 
         yield say
-
 
 
 if __name__ == "__main__":

@@ -23,8 +23,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ._fields import one_of
 from .case import Case
-from .experiment import Experiment, Window, dimensionless_profile, experiment, fit_profile, large_model, scales, window_rows
+from .experiment import (
+    Experiment,
+    Window,
+    dimensionless_profile,
+    experiment,
+    fit_profile,
+    large_model,
+    scales,
+    window_rows,
+)
 from .simulate import propagate
 from .statespace import StateSpace
 
@@ -72,7 +82,7 @@ class Design:
     def expected_error(self) -> float:
         """The relative standard error that the sensors' noise alone leaves in the best window, 1."""
         most = float(self.information[0].max())
-        return 1.0 / np.sqrt(most) / self.diffusivities[0] if most > 0 else np.inf
+        return float(1.0 / np.sqrt(most) / self.diffusivities[0]) if most > 0 else np.inf
 
     @property
     def informative(self) -> bool:
@@ -119,10 +129,9 @@ def design(
         model: a large model at hand, to spare building it.
 
     Raises:
-        ValueError: an unknown sweep.
+        InputError: an unknown sweep.
     """
-    if sweep not in ("map", "vmap"):
-        raise ValueError(f'sweep: {sweep!r}; it is "map" or "vmap"')
+    one_of("sweep", sweep, ("map", "vmap"))
     record = case.record
     days = case.choices.window_days if window_days is None else window_days
     rows = window_rows(case, days)
@@ -134,9 +143,9 @@ def design(
     fourier = jnp.asarray([scale.fourier(alpha) for alpha in alphas])
     if restart:
         profiles = start_profiles(case, starts)
-        info = window_information(
-            system, fourier, data, jnp.asarray(starts), profiles, rows=(rows,), sweep=sweep
-        )[:, :, 0]
+        info = window_information(system, fourier, data, jnp.asarray(starts), profiles, rows=(rows,), sweep=sweep)[
+            :, :, 0
+        ]
     else:
         info = cut_information(system, fourier, data, jnp.asarray(starts), rows=rows)
     per_alpha = scale.fourier(1.0) * scale.temperature

@@ -20,6 +20,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
+from ._fields import one_of
 from .case import Case
 from .experiment import Experiment, HasBest, Window, as_window, check_driven, experiment, large_model, scales
 from .gauss_newton import BoundedNewton, GaussNewton, StepHalving, Trace
@@ -125,8 +126,8 @@ def estimate(
         InputError: a reduced model that does not know what a face of this window does.
         ValueError: a start outside `LOWEST` to `HIGHEST`, or an unknown choice.
     """
-    _check_choice("weights", weights, ("noise", "none"))
-    _check_choice("sensitivity", sensitivity, ("explicit", "autodiff"))
+    one_of("weights", weights, ("noise", "none"))
+    one_of("sensitivity", sensitivity, ("explicit", "autodiff"))
     start = case.wall.diffusivity_prior if start is None else start
     if not LOWEST < start < HIGHEST:
         raise ValueError(f"start: {start} m2/s; it must lie between {LOWEST} and {HIGHEST}")
@@ -149,11 +150,6 @@ def estimate(
     )
     kind = "reduced" if system.order < case.choices.nodes - 2 else "large"
     return _conclude(case, window, data, fit, f"{kind} model of order {system.order}", weights)
-
-
-def _check_choice(name: str, given: str, allowed: tuple[str, ...]) -> None:
-    if given not in allowed:
-        raise ValueError(f"{name}: {given!r}; it is one of {', '.join(allowed)}")
 
 
 def _residual(y: Array, args: tuple) -> Array:

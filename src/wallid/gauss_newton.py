@@ -62,9 +62,7 @@ class BoundedNewton(optx.AbstractDescent):
     def query(self, y, f_info, state):
         """The direction at `y`."""
         jacobian = f_info.jac.as_matrix()
-        solved = lx.linear_solve(
-            lx.MatrixLinearOperator(jacobian), f_info.residual, lx.SVD(rcond=1e-12), throw=False
-        )
+        solved = lx.linear_solve(lx.MatrixLinearOperator(jacobian), f_info.residual, lx.SVD(rcond=1e-12), throw=False)
         newton = solved.value
         newton = newton * jnp.minimum(1.0, _LONGEST / jnp.maximum(jnp.abs(newton[0]), _LONGEST))
         newton = newton.at[0].set(y[0] - jnp.clip(y[0] - newton[0], self.lower, self.upper))

@@ -63,9 +63,7 @@ def grid(wall: Wall, nodes: int) -> np.ndarray:
         count[layer] += 1
     edges = np.concatenate([[0.0], np.cumsum(thickness)])
     edges[-1] = 1.0
-    pieces = [
-        np.linspace(edges[i], edges[i + 1], count[i] + _FEWEST_CELLS + 1)[:-1] for i in range(len(layers))
-    ]
+    pieces = [np.linspace(edges[i], edges[i + 1], count[i] + _FEWEST_CELLS + 1)[:-1] for i in range(len(layers))]
     return np.concatenate([*pieces, [1.0]])
 
 
@@ -121,9 +119,7 @@ def _output_row(
     """The weights of all nodes, both faces included, for one output."""
     x = output.position / wall.length
     if not 0.0 <= x <= 1.0:
-        raise ValueError(
-            f"output {output.name!r}: position {output.position} m is outside the wall of {wall.length} m"
-        )
+        raise ValueError(f"output {output.name!r}: position {output.position} m is outside the wall of {wall.length} m")
     layer = int(np.clip(np.searchsorted(edges, x, side="left") - 1, 0, len(k) - 1))
     inside = np.flatnonzero((places >= edges[layer] - 1e-12) & (places <= edges[layer + 1] + 1e-12))
     first = np.searchsorted(places[inside], x) - _STENCIL // 2

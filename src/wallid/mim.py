@@ -101,9 +101,7 @@ class _Setting(eqx.Module):
     driven: tuple[bool, ...] = eqx.field(static=True)
 
 
-def learn_system(
-    lom: StateSpace, order: int, signals: Signals, *, tied: bool = True, max_steps: int = 100
-) -> Learned:
+def learn_system(lom: StateSpace, order: int, signals: Signals, *, tied: bool = True, max_steps: int = 100) -> Learned:
     """A reduced model of `order` modes that gives the large model's outputs on these signals.
 
     Arguments:
@@ -136,9 +134,7 @@ def learn_system(
     )
 
 
-def sweep_orders(
-    lom: StateSpace, orders: Sequence[int], signals: Signals, *, tied: bool = True
-) -> Iterator[Learned]:
+def sweep_orders(lom: StateSpace, orders: Sequence[int], signals: Signals, *, tied: bool = True) -> Iterator[Learned]:
     """Learn each order in turn: the paper's figures of error against order, one at a time."""
     for order in orders:
         yield learn_system(lom, order, signals, tied=tied)
@@ -248,9 +244,7 @@ def _basis(modes: _Modes, setting: _Setting) -> tuple[Array, Array]:
     f = -jnp.exp(modes.log_poles)
     count, inputs = modes.b.shape
     P = (modes.b @ setting.steady_inputs).at[:, setting.free].set(modes.profile)
-    system = StateSpace(
-        A=f, B=-f[:, None] * modes.b, C=jnp.eye(count), D=-modes.b, P=P, driven=(True,) * inputs
-    )
+    system = StateSpace(A=f, B=-f[:, None] * modes.b, C=jnp.eye(count), D=-modes.b, P=P, driven=(True,) * inputs)
     u, theta = _reference(system, setting.signals)
     return _rows(u, setting.weight[0]), _rows(theta, setting.weight[1])
 

@@ -206,7 +206,9 @@ def density(ax: Axes, reliability: Reliability, sensor: int) -> None:
     x = np.linspace(-edge, edge, 301)
     normal = np.exp(-0.5 * (x[:, None] / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
     ax.plot(x, normal.mean(axis=1), color=GREY, label="measurement")
-    ax.set(xlabel="measured minus predicted (K)", ylabel="density (1/K)", title=f"{reliability.names[sensor]}: residual")
+    ax.set(
+        xlabel="measured minus predicted (K)", ylabel="density (1/K)", title=f"{reliability.names[sensor]}: residual"
+    )
     ax.legend()
 
 
@@ -229,7 +231,9 @@ def initial_profile(ax: Axes, case: Case, window: Window) -> None:
     places = [0.0, *(sensor.position for sensor in case.sensors), case.wall.length]
     left, right = case.record.faces[window.row]
     readings = [left, *case.record.sensors[window.row], right]
-    ax.plot(x * case.wall.length, np.polynomial.polynomial.polyval(x, profile.coefficients), color=BLUE, label="profile")
+    ax.plot(
+        x * case.wall.length, np.polynomial.polynomial.polyval(x, profile.coefficients), color=BLUE, label="profile"
+    )
     ax.plot(places, readings, "o", color=RED, label="readings")
     fitted = "given" if profile.eps_2 is None else f"fit $\\epsilon_2$ = {profile.eps_2:.2g} K"
     ax.set(xlabel="x (m)", ylabel="temperature (°C)", title=f"Initial profile ({fitted})")

@@ -134,14 +134,11 @@ class Record:
     def summary(self) -> str:
         """A few lines: span, step, rows, missing values, range of each face."""
         low, high = self.faces.min(axis=0), self.faces.max(axis=0)
-        first, last = (
-            s if isinstance(s := self.stamp(row), str) else f"{s:.15g} s" for row in (0, self.rows - 1)
-        )
+        first, last = (s if isinstance(s := self.stamp(row), str) else f"{s:.15g} s" for row in (0, self.rows - 1))
         missing = np.isnan(self.sensors).sum(axis=0)
         gaps = ", ".join(f"{name} {count}" for name, count in zip(self.names, missing, strict=True) if count)
         lines = [
-            f"{Path(self.file).name}: {self.rows} rows, one every {self.step:g} s, "
-            f"{self.duration / 86400:.4g} d",
+            f"{Path(self.file).name}: {self.rows} rows, one every {self.step:g} s, {self.duration / 86400:.4g} d",
             f"  from {first} to {last}",
             f"  faces: left {low[0]:.1f} to {high[0]:.1f} degC, right {low[1]:.1f} to {high[1]:.1f} degC",
             f"  inner sensors: {', '.join(self.names) or 'none'}; missing values: {gaps or 'none'}",
@@ -197,8 +194,7 @@ def read_record(
         sensors=np.stack(inner, axis=1) if inner else np.empty((len(table.time), 0)),
         names=tuple(sensors),
         regressors={
-            key: (table.temperature if key in _AIR else table.present)(name)
-            for key, name in regressors.items()
+            key: (table.temperature if key in _AIR else table.present)(name) for key, name in regressors.items()
         },
         boundary_noise_std=boundary_noise_std,
         flux_noise_std=flux_noise_std,

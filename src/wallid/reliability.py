@@ -114,11 +114,11 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
     check_driven(model, case, whole)
     data, scale = experiment(case), scales(case)
     alphas = np.array([case.wall.diffusivity_prior, fit.value])
-    prior, predicted = np.asarray(data.celsius(_predict(model, scale.fourier(alphas), data)))
+    prior, predicted = np.asarray(data.celsius(_predict(model, jnp.asarray(scale.fourier(alphas)), data)))
     offsets = np.array([fit.offsets.get(sensor.name, (0.0, 0.0))[0] for sensor in case.sensors])
     factors = np.array(_LOAD_STEPS)
     extra = large.select(list(range(sensors, 2 * sensors + 1)))
-    slopes = np.asarray(_predict(extra, scale.fourier(fit.value * factors), data))
+    slopes = np.asarray(_predict(extra, jnp.asarray(scale.fourier(fit.value * factors)), data))
     slopes = slopes * scale.temperature / case.wall.length
     at_estimate = int(np.argmin(np.abs(factors - 1.0)))
     return Reliability(
@@ -138,13 +138,9 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
 
 
 @eqx.filter_jit
-def _predict(
-    system: StateSpace, fourier: Float[np.ndarray, " case"], data: Experiment
-) -> Float[Array, "case time output"]:
+def _predict(system: StateSpace, fourier: Float[Array, " case"], data: Experiment) -> Float[Array, "case time output"]:
     """Dimensionless outputs at each diffusivity."""
-    return jax.lax.map(
-        lambda fo: simulate(system, fo, data.time, data.inputs, data.initial)[0], jnp.asarray(fourier)
-    )
+    return jax.lax.map(lambda fo: simulate(system, fo, data.time, data.inputs, data.initial)[0], fourier)
 
 
 def _loads(case: Case, factors: np.ndarray, slope: np.ndarray) -> Loads | None:

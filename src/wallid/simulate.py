@@ -137,9 +137,7 @@ def _dense_step(system: StateSpace, fourier: ScalarLike, h: ScalarLike, sensitiv
     E = back(full[:n, :n]) * root
     if not sensitivity:
         return StepMap(E, back(W0), back(W1))
-    return StepMap(
-        E, back(W0[:n]), back(W1[:n]), back(full[n:, :n]) * root, back(W0[n:]), back(W1[n:])
-    )
+    return StepMap(E, back(W0[:n]), back(W1[:n]), back(full[n:, :n]) * root, back(W0[n:]), back(W1[n:]))
 
 
 class Flow(eqx.Module):
@@ -184,9 +182,7 @@ class Exponential(diffrax.AbstractSolver):
     """
 
     term_structure: ClassVar = diffrax.ODETerm
-    interpolation_cls: ClassVar[Callable[..., diffrax.LocalLinearInterpolation]] = (
-        diffrax.LocalLinearInterpolation
-    )
+    interpolation_cls: ClassVar[Callable[..., diffrax.LocalLinearInterpolation]] = diffrax.LocalLinearInterpolation
 
     def order(self, terms: PyTree) -> int | None:
         """None: there is no error in the step's length to have an order."""
@@ -351,6 +347,4 @@ def _check_shapes(system: StateSpace, inputs: Array, initial: Array) -> None:
     if inputs.shape[0] < 2:
         raise ValueError("inputs: at least two rows are needed")
     if initial.shape != (system.P.shape[1],):
-        raise ValueError(
-            f"initial: shape {initial.shape}; this model's profile has {system.P.shape[1]} coefficients"
-        )
+        raise ValueError(f"initial: shape {initial.shape}; this model's profile has {system.P.shape[1]} coefficients")

@@ -115,9 +115,7 @@ class StateSpace(eqx.Module):
         """`A x`."""
         return self.A * x if self.is_diagonal else self.A @ x
 
-    def rate(
-        self, x: Float[Array, " node"], q: Float[Array, " input"], fourier: ScalarLike
-    ) -> Float[Array, " node"]:
+    def rate(self, x: Float[Array, " node"], q: Float[Array, " input"], fourier: ScalarLike) -> Float[Array, " node"]:
         """`x' = (Fo A + A0) x + (Fo B + B0) q`, per unit of t_ref."""
         rate = fourier * (self.apply(x) + self.B @ q)
         if self.A0 is not None:

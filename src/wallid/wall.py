@@ -106,9 +106,7 @@ class Wall:
         if not self.layers:
             return ((self.length, 1.0, 1.0),)
         k, c = self._effective()
-        return tuple(
-            (layer.thickness, layer.conductivity / k, layer.heat_capacity / c) for layer in self.layers
-        )
+        return tuple((layer.thickness, layer.conductivity / k, layer.heat_capacity / c) for layer in self.layers)
 
     def _effective(self) -> tuple[float, float]:
         """Effective conductivity (W/m/K) and heat capacity (J/m3/K) of the layers."""
@@ -127,9 +125,7 @@ class Wall:
                 k, c = self._effective()
                 value, basis = k / c, " (of the layers)"
             else:
-                raise InputError(
-                    "diffusivity_prior is missing; give it, or conductivity and heat_capacity, or layers"
-                )
+                raise InputError("diffusivity_prior is missing; give it, or conductivity and heat_capacity, or layers")
         low, high = _DIFFUSIVITY
         return number(f"diffusivity_prior{basis}", value, "m2/s", least=low, most=high, hint=hint)
 
@@ -197,9 +193,7 @@ class Scales:
         settle(self, temperature_min=number("temperature_min", self.temperature_min, "degC"))
 
     @classmethod
-    def of(
-        cls, wall: Wall, time: float = 86400.0, temperature: float = 20.0, temperature_min: float = 0.0
-    ) -> Scales:
+    def of(cls, wall: Wall, time: float = 86400.0, temperature: float = 20.0, temperature_min: float = 0.0) -> Scales:
         """The scales of a wall: by default a day (s), 20 K, from 0 degC."""
         return cls(wall.length, time, temperature, temperature_min)
 
