@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import saint_julien_case, validation_case
+from benchmarks.cases import saint_julien_case, validation_case
 
 import wallid
 from wallid.estimate import fit_experiment

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-import wallid
 from benchmarks import make_examples
 from benchmarks.make_examples import EXAMPLES, numerical_errors, saint_julien, slab_response, write_examples
+
+import wallid
 
 
 def test_the_generator_gives_the_packaged_bytes_twice(tmp_path):

@@ -4,15 +4,15 @@ import optimistix as optx
 import pytest
 from scipy.optimize import least_squares
 
-from wallid.gauss_newton import BoundedNewton, GaussNewton, StepHalving
+from wallid.gauss_newton import GaussNewton
 
 
 def solve(residual, *, y0=(0.0, 0.0), eta=1e-12, lower=-20.0, upper=20.0, steps=60):
     solver = GaussNewton(
         jnp.asarray(eta),
         jnp.asarray(eta),
-        BoundedNewton(jnp.asarray(lower), jnp.asarray(upper)),
-        StepHalving(),
+        lower=jnp.asarray(lower),
+        upper=jnp.asarray(upper),
         longest_trace=steps,
     )
     return optx.least_squares(lambda y, _: residual(y), solver, jnp.asarray(y0), max_steps=steps + 1, throw=False)

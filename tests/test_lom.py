@@ -3,11 +3,11 @@ import hypothesis.strategies as st
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from benchmarks.make_examples import slab_response
 from scipy.integrate import solve_ivp
 from systems import DAY, LENGTH, faces, fourier, slab
 
 import wallid
-from benchmarks.make_examples import slab_response
 from wallid.lom import grid, lagrange_weights
 
 OMEGA = 2 * np.pi / (DAY / 2)

@@ -90,7 +90,7 @@ def test_it_carries_the_initial_state(wall_large):
     reduced = wallid.mim.learn_system(wall_large, 10, both_faces(2)).system
     assert reduced.driven == (True, True)
     rng = np.random.default_rng(0)
-    inputs = np.cumsum(rng.normal(0, 0.02, (200, 2)), axis=0) + [0.8, 0.3]
+    inputs = np.cumsum(rng.normal(0, 0.02, (200, 2)), axis=0) + np.array([0.8, 0.3])
     initial = jnp.asarray([0.7, 0.3, -0.7])
     fo = fourier(2e-6, 0.43)
     want, got = (wallid.propagate(s, fo, 1 / 24.0, inputs, initial)[0] for s in (wall_large, reduced))

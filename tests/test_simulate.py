@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from benchmarks.make_examples import slab_response
 from systems import DAY, LENGTH, POINTS, T_REF, faces, fourier, half_minutes, scipy_field_and_sensitivity, slab
 
 import wallid
-from benchmarks.make_examples import slab_response
 from wallid.simulate import phi_functions
 
 
@@ -22,7 +22,7 @@ def phi_by_decimals(z):
     # each of the three divisions by z costs its digits
     with decimal.localcontext(prec=60 + 3 * max(0, -z.adjusted())):
         phi = [z.exp()]
-        for k, factorial in enumerate((1, 1, 2)):
+        for factorial in (1, 1, 2):
             phi.append((phi[-1] - 1 / decimal.Decimal(factorial)) / z)
         return [float(value) for value in phi]
 
@@ -64,7 +64,7 @@ def test_a_jump_between_profile_and_faces_is_solved(modal):
     """Faces that do not meet the initial profile: a jump at t = 0, the same as lsim's."""
     time = np.arange(49) / 24.0
     system = slab(21, degree=2)
-    inputs = random_walk(49, 2, 1) + [0.7, -0.4]
+    inputs = random_walk(49, 2, 1) + np.array([0.7, -0.4])
     initial = jnp.asarray([0.1, 0.5, -0.8])
     want = scipy_field_and_sensitivity(system, 0.3, time, inputs, np.asarray(initial))
     used = system.modal() if modal else system
@@ -274,7 +274,6 @@ def test_vmap_over_diffusivities_equals_a_loop():
 
 
 def test_no_new_trace_for_new_values():
-    system = slab(11).modal()
     traced = eqx.debug.assert_max_traces(
         lambda s, fo, q: wallid.propagate(s, fo, 0.1, q, jnp.zeros(1))[0], max_traces=1
     )

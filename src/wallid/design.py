@@ -213,6 +213,7 @@ def window_information(
         inputs = jax.lax.dynamic_slice_in_dim(inputs_on, start, longest)
         weight = jax.lax.dynamic_slice_in_dim(weight_on, start, longest)
         _, theta = propagate(system, fo, data.step, inputs, profile, sensitivity=True)
+        assert theta is not None
         return _information(theta, weight, data.offset_std)[np.asarray(rows) - 1]
 
     if sweep == "vmap":
@@ -234,6 +235,7 @@ def cut_information(
 
     def at(fo: Array) -> Array:
         _, theta = propagate(system, fo, data.step, data.inputs, data.initial, sensitivity=True)
+        assert theta is not None
 
         def one(start: Array) -> Array:
             cut = jax.lax.dynamic_slice_in_dim(theta, start, rows)

@@ -22,8 +22,19 @@ from jaxtyping import Array, Float
 
 from ._fields import one_of
 from .case import Case
-from .experiment import Experiment, HasBest, Window, as_window, check_driven, experiment, large_model, scales
-from .gauss_newton import BoundedNewton, GaussNewton, StepHalving, Trace
+from .experiment import (
+    Experiment,
+    HasBest,
+    Profile,
+    Window,
+    as_window,
+    check_driven,
+    experiment,
+    fit_profile,
+    large_model,
+    scales,
+)
+from .gauss_newton import GaussNewton, Trace
 from .learning import learn
 from .mim import Learned
 from .sensitivity import Integrator, explicit, field_with_theta, run
@@ -66,6 +77,7 @@ class Estimate:
             `(time, sensor)`, offsets included.
         covariance: of (ln alpha, offsets in units of their prior).
         singular_values: of the weighted sensitivity, largest first.
+        profile: the initial profile that the window starts from.
         model: what was fitted, in words.
     """
 
@@ -84,6 +96,7 @@ class Estimate:
     residual: np.ndarray = field(repr=False)
     covariance: np.ndarray = field(repr=False)
     singular_values: np.ndarray = field(repr=False)
+    profile: Profile
     model: str
     window: Window
 
@@ -95,7 +108,10 @@ class Estimate:
             f"residual     {np.sqrt(np.nanmean(self.residual**2)):.3g} K root mean square, "
             f"reduced chi-square {self.reduced_chi_square:.2f}",
         ]
-        lines += [f"offset {name}: {value:+.3f} +- {std:.3f} K" for name, (value, std) in self.offsets.items()]
+        if self.profile.eps_2 is not None:
+            degree = len(self.profile.coefficients) - 1
+            lines.append(f"profile      initial polynomial of degree {degree}, eps_2 {self.profile.eps_2:.2g} K")
+        lines += [f"offset       {name} {value:+.3f} +- {std:.3f} K" for name, (value, std) in self.offsets.items()]
         if not self.reliable:
             lines.append(f"NOT TO BE RELIED ON: {self.reason}")
         return "\n".join(lines)
@@ -152,28 +168,30 @@ def estimate(
     return _conclude(case, window, data, fit, f"{kind} model of order {system.order}", weights)
 
 
-def _residual(y: Array, args: tuple) -> Array:
-    """The weighted misfit of every reading, then of every offset's prior."""
-    system, data, fourier_per_alpha, start, explicit_theta, integrator = args
-    return jnp.concatenate(
-        [
-            (data.weight * (_predicted(y, args) - data.observed)).reshape(-1),
-            y[1:],
-        ]
-    )
+class _Problem(eqx.Module):
+    """What the Gauss-Newton iteration minimises over `y = (ln(alpha/start), beta)`."""
 
+    system: StateSpace
+    data: Experiment
+    fourier_per_alpha: Float[Array, ""]
+    start: Float[Array, ""]
+    explicit_theta: bool = eqx.field(static=True)
+    integrator: Integrator = eqx.field(static=True)
 
-def _predicted(y: Array, args: tuple) -> Array:
-    """Temperatures in degC, offsets included."""
-    system, data, fourier_per_alpha, start, explicit_theta, integrator = args
-    fourier = fourier_per_alpha * start * jnp.exp(y[0])
-    if explicit_theta:
-        u = field_with_theta(fourier, system, data, integrator)
-    else:
-        u = run(system, fourier, data, integrator=integrator)[0]
-    temperature = data.celsius(u)
-    places = np.asarray(data.offsets, dtype=int)
-    return temperature.at[:, places].add(data.offset_std[places] * y[1:])
+    def predicted(self, y: Float[Array, " param"]) -> Float[Array, "time sensor"]:
+        """Temperatures in degC, offsets included."""
+        fourier = self.fourier_per_alpha * self.start * jnp.exp(y[0])
+        if self.explicit_theta:
+            u = field_with_theta(fourier, self.system, self.data, self.integrator)
+        else:
+            u = run(self.system, fourier, self.data, integrator=self.integrator)[0]
+        places = np.asarray(self.data.offsets, dtype=int)
+        return self.data.celsius(u).at[:, places].add(self.data.offset_std[places] * y[1:])
+
+    def residual(self, y: Float[Array, " param"]) -> Float[Array, " reading"]:
+        """The weighted misfit of every reading, then of every offset's prior."""
+        misfit = self.data.weight * (self.predicted(y) - self.data.observed)
+        return jnp.concatenate([misfit.reshape(-1), y[1:]])
 
 
 @eqx.filter_jit
@@ -195,19 +213,19 @@ def fit_experiment(
         start: m2/s.
         eta: both stopping criteria.
     """
-    args = (system, data, fourier_per_alpha, start, explicit_theta, integrator)
+    problem = _Problem(system, data, fourier_per_alpha, start, explicit_theta, integrator)
     solver = GaussNewton(
         eta_1=eta,
         eta_2=eta,
-        descent=BoundedNewton(jnp.log(LOWEST / start), jnp.log(HIGHEST / start)),
-        search=StepHalving(),
+        lower=jnp.log(LOWEST / start),
+        upper=jnp.log(HIGHEST / start),
         longest_trace=max_iterations,
     )
     solution = optx.least_squares(
-        _residual,
+        lambda y, problem: problem.residual(y),
         solver,
         jnp.zeros(1 + len(data.offsets)),
-        args=args,
+        args=problem,
         max_steps=max_iterations + 1,
         throw=False,
     )
@@ -216,13 +234,13 @@ def fit_experiment(
     trace = eqx.tree_at(
         lambda t: t.parameters, trace, trace.parameters.at[:, 0].set(start * jnp.exp(trace.parameters[:, 0]))
     )
-    predicted = _predicted(y, args)
+    predicted = problem.predicted(y)
     return _Fit(
         parameters=y,
         trace=trace,
         residual=data.observed - predicted,
         predicted=predicted,
-        jacobian=jax.jacfwd(_residual)(y, args),
+        jacobian=jax.jacfwd(problem.residual)(y),
         evaluations=solution.stats["num_steps"],
         converged=solution.result == optx.RESULTS.successful,
     )
@@ -269,6 +287,7 @@ def _conclude(case: Case, window: Window, data: Experiment, fit: _Fit, model: st
         residual=np.where(present, np.asarray(fit.residual), np.nan),
         covariance=covariance,
         singular_values=singular,
+        profile=fit_profile(case, window.row),
         model=model,
         window=window,
     )

@@ -30,6 +30,10 @@ _LONGEST = 2.0  # of a step in ln(alpha)
 _ROUND_OFF = 1e-12  # relative growth of the cost that is no growth: a sum of many squares rounds
 
 
+def _silent(**_kwargs: Any) -> None:
+    """Optimistix tells its progress to this; the trace holds what is wanted of it."""
+
+
 class Trace(eqx.Module):
     """Per accepted iterate: parameters, cost, gamma_1, gamma_2; NaN in rows not reached."""
 
@@ -88,37 +92,64 @@ class StepHalving(optx.AbstractSearch):
         return step_size, accept, optx.RESULTS.successful, step_size
 
 
+class _HalvedSteps(optx.AbstractGaussNewton):
+    """Optimistix's Gauss-Newton with this module's descent and search; `GaussNewton` says when it ends."""
+
+    descent: optx.AbstractDescent
+    search: optx.AbstractSearch
+    rtol: float = eqx.field(static=True, default=0.0)
+    atol: float = eqx.field(static=True, default=0.0)
+    norm: Callable = optx.max_norm
+    verbose: Callable = eqx.field(static=True, default=_silent)
+
+
 class _TracedState(eqx.Module):
     inner: Any
     trace: Trace
     stop: Array
 
 
-class GaussNewton(optx.AbstractGaussNewton):
-    """Gauss-Newton with the paper's two criteria and a trace of its iterates (in `stats`)."""
+class GaussNewton(optx.AbstractLeastSquaresSolver):
+    """Gauss-Newton with the paper's two criteria and a trace of its iterates (in `stats`).
+
+    Arguments:
+        eta_1, eta_2: it goes on while both relative changes are at least these.
+        lower, upper: bounds of the first parameter.
+        longest_trace: the largest number of iterations.
+    """
 
     eta_1: Float[Array, ""]
     eta_2: Float[Array, ""]
-    descent: BoundedNewton
-    search: StepHalving
+    inner: _HalvedSteps
     longest_trace: int = eqx.field(static=True)
     rtol: float = eqx.field(static=True, default=0.0)
     atol: float = eqx.field(static=True, default=0.0)
-    norm: Callable = eqx.field(static=True, default=optx.max_norm)
-    verbose: Callable = eqx.field(static=True, default=lambda **kwargs: None)
+    norm: Callable = optx.max_norm
+
+    def __init__(
+        self,
+        eta_1: Float[Array, ""],
+        eta_2: Float[Array, ""],
+        *,
+        lower: Float[Array, ""],
+        upper: Float[Array, ""],
+        longest_trace: int,
+    ):
+        self.eta_1, self.eta_2 = eta_1, eta_2
+        self.inner = _HalvedSteps(descent=BoundedNewton(lower, upper), search=StepHalving())
+        self.longest_trace = longest_trace
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags):
         """The inner state and an empty trace."""
         empty = jnp.full(self.longest_trace + 1, jnp.nan)
         trace = Trace(jnp.full((*empty.shape, y.size), jnp.nan), empty, empty, empty, jnp.array(0))
-        inner = super().init(fn, y, args, options, f_struct, aux_struct, tags)
+        inner = self.inner.init(fn, y, args, options, f_struct, aux_struct, tags)
         return _TracedState(inner, trace, jnp.array(False))
 
     def step(self, fn, y, args, options, state, tags):
         """One evaluation: an accepted one is an iterate, and is tested by the two criteria."""
-        tried = state.inner.y_eval
-        first = state.inner.first_step
-        y_next, inner, aux = super().step(fn, y, args, options, state.inner, tags)
+        tried, first = state.inner.y_eval, state.inner.first_step
+        y_next, inner, aux = self.inner.step(fn, y, args, options, state.inner, tags)
         accepted = inner.num_accepted_steps > state.inner.num_accepted_steps
         cost = jnp.sum(inner.f_info.residual**2)
         k, trace = state.trace.count, state.trace
@@ -136,7 +167,8 @@ class GaussNewton(optx.AbstractGaussNewton):
             put(trace.gamma_2, gamma_2),
             k + accepted,
         )
-        met = jnp.where(accepted, (gamma_1 < self.eta_1) | (gamma_2 < self.eta_2), gamma_2 < self.eta_2)
+        # a refused step that is already this small will not help when halved again
+        met = (accepted & (gamma_1 < self.eta_1)) | (gamma_2 < self.eta_2)
         return y_next, _TracedState(inner, trace, met), aux
 
     def terminate(self, fn, y, args, options, state, tags):

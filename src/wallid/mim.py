@@ -27,7 +27,6 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
@@ -38,6 +37,7 @@ from .statespace import StateSpace
 
 _POLE_RATIO = 1.05  # smallest ratio of neighbouring poles: where two meet, their basis is singular
 _STEADY = 1e-8  # relative: a profile column is a steady state of the large model
+_ENOUGH_ROWS = 400  # of a signal in the functional: rows between them say the same again
 _QUIET = 1e-12  # a signal with a smaller root mean square teaches nothing
 
 
@@ -97,6 +97,7 @@ class _Setting(eqx.Module):
     steady_inputs: Float[Array, "input param"]  # zero columns for profiles that are no steady states
     weight: Float[Array, "kind signal"]
     target: tuple[Array, ...]  # weighted rows by outputs, a block per independent H
+    every: int = eqx.field(static=True)  # each how many rows count
     free: tuple[int, ...] = eqx.field(static=True)
     driven: tuple[bool, ...] = eqx.field(static=True)
 
@@ -196,13 +197,14 @@ def _setting(lom: StateSpace, signals: Signals, reference: tuple[Array, Array], 
             "cannot learn it; add one that does, or lower the large model's profile_degree"
         )
     rms = jnp.stack([jnp.sqrt(jnp.mean(y**2, axis=(1, 2))) for y in reference])
-    count = 2 * reference[0].size
+    every = -(-signals.inputs.shape[1] // _ENOUGH_ROWS)
+    count = sum(block[:, ::every].size for block in reference)
     weight = jnp.where(rms > _QUIET, 1.0 / jnp.where(rms > _QUIET, rms, 1.0), 0.0) / np.sqrt(count)
     gain = lom.static_gain()
     u_rest = reference[0] - signals.inputs @ gain.T
-    rows = [_rows(block, w) for block, w in zip((u_rest, reference[1]), weight, strict=True)]
+    rows = [_rows(block, w, every) for block, w in zip((u_rest, reference[1]), weight, strict=True)]
     target = (jnp.concatenate(rows),) if tied else tuple(rows)
-    return _Setting(signals, gain, jnp.asarray(steady), weight, target, free, driven)
+    return _Setting(signals, gain, jnp.asarray(steady), weight, target, every, free, driven)
 
 
 def _steady_inputs(lom: StateSpace) -> np.ndarray:
@@ -219,8 +221,8 @@ def _steady_inputs(lom: StateSpace) -> np.ndarray:
     return np.where(error < _STEADY, inputs, 0.0)
 
 
-def _rows(block: Float[Array, "signal time column"], weight: Float[Array, " signal"]) -> Array:
-    weighted = block * weight[:, None, None]
+def _rows(block: Float[Array, "signal time column"], weight: Float[Array, " signal"], every: int) -> Array:
+    weighted = block[:, ::every] * weight[:, None, None]
     return weighted.reshape(-1, block.shape[-1])
 
 
@@ -246,7 +248,7 @@ def _basis(modes: _Modes, setting: _Setting) -> tuple[Array, Array]:
     P = (modes.b @ setting.steady_inputs).at[:, setting.free].set(modes.profile)
     system = StateSpace(A=f, B=-f[:, None] * modes.b, C=jnp.eye(count), D=-modes.b, P=P, driven=(True,) * inputs)
     u, theta = _reference(system, setting.signals)
-    return _rows(u, setting.weight[0]), _rows(theta, setting.weight[1])
+    return _rows(u, setting.weight[0], setting.every), _rows(theta, setting.weight[1], setting.every)
 
 
 def _blocks(modes: _Modes, setting: _Setting) -> tuple[Array, ...]:

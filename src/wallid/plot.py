@@ -14,6 +14,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from .case import Case
 from .design import Design, Lengths
@@ -33,6 +34,8 @@ BLUE, ORANGE, GREEN, PURPLE, SKY, RED, YELLOW, GREY = (
     "#5A5A5A",
 )
 SENSORS = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED)
+
+_DAYS = "days since the record's start"
 
 _STYLE = {
     "font.size": 9,
@@ -88,15 +91,21 @@ def record(ax: Axes, case: Case, window: Window | None = None) -> None:
     if window is not None:
         step = case.record.step / 86400.0
         ax.axvspan(window.row * step, (window.row + window.rows - 1) * step, color=YELLOW, alpha=0.35, lw=0)
-    ax.set(xlabel="days since the record's start", ylabel="temperature (°C)", title=f"Record {case.name}")
-    ax.legend(ncols=3)
+    ax.set(xlabel=_DAYS, ylabel="temperature (°C)", title=f"Record {case.name}")
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high + 0.3 * (high - low))  # room for the legend above the curves
+    ax.legend(ncols=3, loc="upper left")
 
 
 def theta(ax: Axes, case: Case, days: np.ndarray, sensitivity: np.ndarray) -> None:
     """The sensitivity dT/d ln(alpha) at each sensor."""
     for s, sensor in enumerate(case.sensors):
         ax.plot(days, sensitivity[:, s], color=colour(s), lw=0.8, label=sensor.name)
-    ax.set(xlabel="days", ylabel=r"$\partial T / \partial \ln \alpha$ (K)", title="Sensitivity to the diffusivity")
+    ax.set(
+        xlabel=_DAYS,
+        ylabel=r"$\partial T / \partial \ln \alpha$ (K)",
+        title="Sensitivity to the diffusivity",
+    )
     ax.legend(ncols=3)
 
 
@@ -136,7 +145,7 @@ def orders(ax: Axes, learned: Sequence[Learned]) -> None:
         ax.semilogy(order, [one.eps_inf[k] for one in learned], "o-", color=tint, label=rf"$\epsilon_\infty$ {name}")
         ax.semilogy(order, [one.eps_2[k] for one in learned], "s--", color=tint, ms=4, label=rf"$\epsilon_2$ {name}")
     ax.set(xlabel="order of the reduced model", ylabel="error (dimensionless)", title="Error against order")
-    ax.xaxis.get_major_locator().set_params(integer=True)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend(ncols=2)
 
 
@@ -150,7 +159,7 @@ def convergence(value_ax: Axes, gamma_ax: Axes, fit: Estimate) -> None:
     gamma_ax.set(xlabel="Gauss-Newton step", ylabel="relative change", title="Stopping criteria")
     gamma_ax.legend()
     for ax in (value_ax, gamma_ax):
-        ax.xaxis.get_major_locator().set_params(integer=True)
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def measured_against_simulated(ax: Axes, case: Case, fit: Estimate) -> None:
@@ -160,7 +169,7 @@ def measured_against_simulated(ax: Axes, case: Case, fit: Estimate) -> None:
     for s, sensor in enumerate(case.sensors):
         ax.plot(days, part.sensors[:, s], ".", ms=4, color=colour(s), alpha=0.6)
         ax.plot(days, fit.predicted[:, s], color=colour(s), label=sensor.name)
-    ax.set(xlabel="days since the record's start", ylabel="temperature (°C)", title="Measured (dots) and simulated")
+    ax.set(xlabel=_DAYS, ylabel="temperature (°C)", title="Measured (dots) and simulated")
     ax.legend(ncols=3)
 
 
@@ -171,7 +180,7 @@ def residual(ax: Axes, case: Case, fit: Estimate) -> None:
         there = np.isfinite(fit.residual[:, s])
         ax.plot(days[there], fit.residual[there, s], ".-", ms=3, lw=0.7, color=colour(s), label=sensor.name)
     ax.axhline(0.0, color=GREY, lw=0.8)
-    ax.set(xlabel="days since the record's start", ylabel="residual (K)", title="Measured minus simulated")
+    ax.set(xlabel=_DAYS, ylabel="residual (K)", title="Measured minus simulated")
     ax.legend(ncols=3)
 
 
@@ -186,7 +195,11 @@ def last_week(ax: Axes, reliability: Reliability, sensor: int) -> None:
     ax.plot(days[late], reliability.measured[late, sensor], ".", ms=3, color=GREY, label="measured")
     ax.plot(days[late], reliability.prior[late, sensor], "--", color=ORANGE, label="prior")
     ax.plot(days[late], reliability.predicted[late, sensor], color=BLUE, label="estimate")
-    ax.set(xlabel="days", ylabel="temperature (°C)", title=f"{reliability.names[sensor]}: the last days")
+    ax.set(
+        xlabel=_DAYS,
+        ylabel="temperature (°C)",
+        title=f"{reliability.names[sensor]}: last week",
+    )
     ax.legend()
 
 
@@ -244,7 +257,7 @@ def flux(ax: Axes, days: np.ndarray, loads: Loads) -> None:
     """The heat flux through the inner face over the record."""
     ax.plot(days, loads.flux, color=BLUE, lw=0.8)
     ax.axhline(0.0, color=GREY, lw=0.8)
-    ax.set(xlabel="days", ylabel="j, along +x (W/m²)", title="Heat flux through the inner face")
+    ax.set(xlabel=_DAYS, ylabel="j, along +x (W/m²)", title="Heat flux through the inner face")
 
 
 def loads(ax: Axes, loads: Loads) -> None:
@@ -254,5 +267,5 @@ def loads(ax: Axes, loads: Loads) -> None:
     ax.set(
         xlabel="change of the diffusivity (%)",
         ylabel="change of the load E (%)",
-        title=f"Load through the inner face (k = {loads.conductivity:g} W/m/K)",
+        title=f"Load E at k = {loads.conductivity:g} W/m/K",
     )

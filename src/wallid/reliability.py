@@ -152,6 +152,6 @@ def _loads(case: Case, factors: np.ndarray, slope: np.ndarray) -> Loads | None:
     return Loads(
         flux=flux[np.argmin(np.abs(factors - 1.0))],
         factors=factors,
-        energy=np.trapezoid(flux, dx=case.record.step, axis=1),
+        energy=np.asarray(np.trapezoid(flux, dx=case.record.step, axis=1)),
         conductivity=conductivity,
     )

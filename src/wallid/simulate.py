@@ -24,6 +24,7 @@ from .statespace import StateSpace
 
 _SERIES_TERMS = 18  # 1/21! < 1e-19: the tail of the series below |z| = 1 is under round-off
 _MAX_SQUARINGS = 48  # expm gives NaN past it; 2^48 is more than any mesh times any step
+_STRETCH = 4096  # rows
 
 State = tuple[Float[Array, " node"], Float[Array, " node"] | None]
 
@@ -68,17 +69,28 @@ class StepMap(eqx.Module):
     V0: Array | None = None
     V1: Array | None = None
 
-    def advance(self, state: State, q0: Float[Array, " input"], q1: Float[Array, " input"]) -> State:
-        """The state a step later; `q0`, `q1` are the inputs at the step's two ends."""
+    def drive(self, q0: Float[Array, " input"], q1: Float[Array, " input"]) -> State:
+        """What the inputs at the step's two ends add to x and theta."""
+        x = self.W0 @ q0 + self.W1 @ q1
+        if self.V0 is None or self.V1 is None:
+            return x, None
+        return x, self.V0 @ q0 + self.V1 @ q1
+
+    def move(self, state: State, drive: State) -> State:
+        """The state a step later, with what the inputs add."""
         x, theta = state
         times = jnp.multiply if self.E.ndim == 1 else jnp.matmul
-        x1 = times(self.E, x) + self.W0 @ q0 + self.W1 @ q1
-        if theta is None or self.E_theta is None or self.V0 is None or self.V1 is None:
+        x1 = times(self.E, x) + drive[0]
+        if theta is None or self.E_theta is None or drive[1] is None:
             return x1, None
-        return x1, times(self.E, theta) + times(self.E_theta, x) + self.V0 @ q0 + self.V1 @ q1
+        return x1, times(self.E, theta) + times(self.E_theta, x) + drive[1]
+
+    def advance(self, state: State, q0: Float[Array, " input"], q1: Float[Array, " input"]) -> State:
+        """The state a step later; `q0`, `q1` are the inputs at the step's two ends."""
+        return self.move(state, self.drive(q0, q1))
 
 
-def step_map(system: StateSpace, fourier: ScalarLike, step: ScalarLike, *, sensitivity: bool) -> StepMap:
+def step_map(system: StateSpace, fourier: Float[Array, ""], step: Float[Array, ""], *, sensitivity: bool) -> StepMap:
     """The exact step of length `step` (in t_ref) for inputs that are straight lines inside it.
 
     A diagonal model takes the phi-functions of its poles; any other a dense exponential, after
@@ -90,7 +102,7 @@ def step_map(system: StateSpace, fourier: ScalarLike, step: ScalarLike, *, sensi
     return _dense_step(system, fourier, step, sensitivity)
 
 
-def _modal_step(system: StateSpace, fourier: ScalarLike, h: ScalarLike, sensitivity: bool) -> StepMap:
+def _modal_step(system: StateSpace, fourier: Array, h: Array, sensitivity: bool) -> StepMap:
     f = system.A
     rate = fourier * f if system.A0 is None else fourier * f + system.A0
     g = fourier * system.B if system.B0 is None else fourier * system.B + system.B0
@@ -105,7 +117,7 @@ def _modal_step(system: StateSpace, fourier: ScalarLike, h: ScalarLike, sensitiv
     return StepMap(E[:, 0], W0, W1, (dz * E)[:, 0], V0, V1)
 
 
-def _dense_step(system: StateSpace, fourier: ScalarLike, h: ScalarLike, sensitivity: bool) -> StepMap:
+def _dense_step(system: StateSpace, fourier: Array, h: Array, sensitivity: bool) -> StepMap:
     """By the exponential of the model with its inputs' value and slope as two more states.
 
     Source: Van Loan, IEEE Trans. Autom. Control 23 (1978), 395.
@@ -150,7 +162,8 @@ class Flow(eqx.Module):
     fourier: Float[Array, ""]
     inputs: diffrax.LinearInterpolation
 
-    def __call__(self, t: ScalarLike, state: State, args: Any) -> State:
+    def __call__(self, t: Any, state: State, args: Any) -> State:
+        """The rates of x and theta."""
         x, theta = state
         q = self.inputs.evaluate(t)
         x_rate = self.system.rate(x, q, self.fourier)
@@ -160,7 +173,7 @@ class Flow(eqx.Module):
         theta_rate = self.system.rate(theta, no_input, self.fourier)
         return x_rate, theta_rate + self.system.apply(x) + self.system.B @ q
 
-    def output(self, t: ScalarLike, state: State, args: Any) -> tuple[Array, Array | None]:
+    def output(self, t: Any, state: State, args: Any) -> tuple[Array, Array | None]:
         """`u = C x + D q` and `theta = C_theta x_theta`."""
         return _outputs(self.system, state, self.inputs.evaluate(t))
 
@@ -191,13 +204,14 @@ class Exponential(diffrax.AbstractSolver):
     def init(self, terms, t0, t1, y0, args):
         """The exact step of the first step's length."""
         flow = _flow_of(terms)
-        return t1 - t0, step_map(flow.system, flow.fourier, t1 - t0, sensitivity=y0[1] is not None)
+        h = jnp.asarray(t1 - t0)
+        return h, step_map(flow.system, flow.fourier, h, sensitivity=y0[1] is not None)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         """One exact step from t0 to t1."""
         flow = _flow_of(terms)
         length, kept = solver_state
-        h = t1 - t0
+        h = jnp.asarray(t1 - t0)
         # times such as 3 * 0.1 carry round-off; a step is the same within it
         same = jnp.abs(h - length) <= 8 * jnp.finfo(h).eps * jnp.maximum(jnp.abs(t1), h)
         step = jax.lax.cond(
@@ -232,7 +246,7 @@ def simulate(
     *,
     sensitivity: bool = False,
     solver: diffrax.AbstractSolver = Exponential(),  # noqa: B008 (immutable)
-    controller: diffrax.AbstractStepSizeController | None = None,
+    controller: diffrax.AbstractAdaptiveStepSizeController | None = None,
     substeps: int = 1,
     adjoint: diffrax.AbstractAdjoint = diffrax.ForwardMode(),  # noqa: B008 (immutable)
     max_steps: int | None = None,
@@ -266,15 +280,16 @@ def simulate(
         raise ValueError("simulate: the exact solver has no error to control; leave `controller` out")
     fourier = jnp.asarray(fourier, dtype=float)
     flow = Flow(system, fourier, diffrax.LinearInterpolation(time, inputs))
+    steps_controller: diffrax.AbstractStepSizeController
     if controller is None:
         fractions = jnp.arange(substeps) / substeps
         fine = (time[:-1, None] + jnp.diff(time)[:, None] * fractions).reshape(-1)
         fine = jnp.concatenate([fine, time[-1:]])
-        controller = diffrax.StepTo(ts=fine)
+        steps_controller = diffrax.StepTo(ts=fine)
         steps = fine.shape[0] - 1
         saveat = diffrax.SaveAt(t0=True, steps=True, fn=flow.output)
     else:
-        controller = diffrax.ClipStepSizeController(controller, step_ts=time)
+        steps_controller = diffrax.ClipStepSizeController(controller, step_ts=time)
         steps = max(4096, 64 * time.shape[0]) if max_steps is None else max_steps
         substeps = 1
         saveat = diffrax.SaveAt(ts=time, fn=flow.output)
@@ -286,7 +301,7 @@ def simulate(
         dt0=None,
         y0=_initial_state(system, initial, sensitivity),
         saveat=saveat,
-        stepsize_controller=controller,
+        stepsize_controller=steps_controller,
         adjoint=adjoint,
         max_steps=steps,
         throw=False,
@@ -307,22 +322,30 @@ def propagate(
 ) -> tuple[Outputs, Outputs | None]:
     """The same numbers as `simulate` with the exact solver, for rows `step` (in t_ref) apart.
 
-    The exact step is made once and scanned over the rows; only outputs leave the loop.
+    The exact step is made once; the states of a stretch of rows are kept at a time, so memory does
+    not grow with nodes times rows.
 
     Arguments, Returns, Raises: as in `simulate`.
     """
     _check_shapes(system, inputs, initial)
-    exact = step_map(system, jnp.asarray(fourier, dtype=float), step, sensitivity=sensitivity)
-
-    def advance(state: State, ends: tuple[Array, Array]) -> tuple[State, tuple[Array, Array | None]]:
-        q0, q1 = ends
-        state = exact.advance(state, q0, q1)
-        return state, _outputs(system, state, q1)
-
+    exact = step_map(system, jnp.asarray(fourier, dtype=float), jnp.asarray(step), sensitivity=sensitivity)
     start = _initial_state(system, initial, sensitivity)
+
+    def stretch(state: State, ends: tuple[Array, Array]) -> tuple[State, tuple[Array, Array | None]]:
+        """All that is a product of matrices is done for many rows at once; the loop only moves on."""
+        drives = jax.vmap(exact.drive)(*ends)
+        state, states = jax.lax.scan(lambda now, drive: (moved := exact.move(now, drive), moved), state, drives)
+        return state, jax.vmap(partial(_outputs, system))(states, ends[1])
+
     first = _outputs(system, start, inputs[0])
-    _, rest = jax.lax.scan(advance, start, (inputs[:-1], inputs[1:]))
-    return jax.tree.map(lambda row, rows: jnp.concatenate([row[None], rows]), first, rest)
+    ends = inputs[:-1], inputs[1:]
+    whole = (inputs.shape[0] - 1) // _STRETCH * _STRETCH
+    in_stretches = jax.tree.map(lambda rows: rows[:whole].reshape(-1, _STRETCH, rows.shape[1]), ends)
+    state, long = jax.lax.scan(stretch, start, in_stretches)
+    _, rest = stretch(state, jax.tree.map(lambda rows: rows[whole:], ends))
+    return jax.tree.map(
+        lambda row, rows, last: jnp.concatenate([row[None], rows.reshape(-1, rows.shape[-1]), last]), first, long, rest
+    )
 
 
 def stable_substeps(system: StateSpace, fourier: float, step: float) -> int:

@@ -113,11 +113,11 @@ class StateSpace(eqx.Module):
 
     def apply(self, x: Float[Array, " node"]) -> Float[Array, " node"]:
         """`A x`."""
-        return self.A * x if self.is_diagonal else self.A @ x
+        return jnp.multiply(self.A, x) if self.is_diagonal else jnp.matmul(self.A, x)
 
     def rate(self, x: Float[Array, " node"], q: Float[Array, " input"], fourier: ScalarLike) -> Float[Array, " node"]:
         """`x' = (Fo A + A0) x + (Fo B + B0) q`, per unit of t_ref."""
-        rate = fourier * (self.apply(x) + self.B @ q)
+        rate = jnp.multiply(fourier, self.apply(x) + self.B @ q)
         if self.A0 is not None:
             rate = rate + (self.A0 * x if self.is_diagonal else self.A0 @ x)
         if self.B0 is not None:
@@ -132,8 +132,8 @@ class StateSpace(eqx.Module):
         """
         if self.A0 is not None or self.B0 is not None:
             raise ValueError("static_gain: A0 or B0 is set, so the steady state depends on the diffusivity")
-        solved = self.B / self.A[:, None] if self.is_diagonal else jnp.linalg.solve(self.A, self.B)
-        return self.D - self.C @ solved
+        rest = jnp.divide(self.B, self.A[:, None]) if self.is_diagonal else jnp.linalg.solve(self.A, self.B)
+        return jnp.subtract(self.D, jnp.matmul(self.C, rest))
 
     def modal(self) -> StateSpace:
         """The same model in its modes: a diagonal `A`, the same outputs to round-off.
@@ -165,7 +165,9 @@ class StateSpace(eqx.Module):
 
     def save(self, path: str | Path) -> None:
         """Write the model as one file (NumPy's npz, readable without this package)."""
-        arrays = {name: np.asarray(value) for name in _ARRAYS if (value := getattr(self, name)) is not None}
+        arrays: dict[str, Any] = {
+            name: np.asarray(value) for name in _ARRAYS if (value := getattr(self, name)) is not None
+        }
         header = {"format": _FILE_FORMAT, "output_names": self.output_names, "driven": self.driven}
         with Path(path).open("wb") as file:
             np.savez(file, header=np.array(json.dumps(header)), **arrays)
