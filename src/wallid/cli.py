@@ -142,12 +142,14 @@ def _work(name, model, stages, out, json, quiet, integrator, orders, from_row) -
     with _progress(quiet or json) as progress:
         progress("starting", 0.0)
         import jax
+        from threadpoolctl import threadpool_limits
 
         jax.config.update("jax_enable_x64", True)
         from . import report, workflow
         from .case import load
         from .experiment import Window, window_rows
 
+        threadpool_limits(limits=1, user_api="blas")  # this process is ours: see learn_system for why
         case = load(name)
         if model is not None:
             case = replace(case, choices=replace(case.choices, model=model))

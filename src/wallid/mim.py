@@ -30,6 +30,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
+from threadpoolctl import threadpool_limits
 
 from .metrics import eps_2, eps_inf
 from .simulate import propagate
@@ -102,8 +103,12 @@ class _Setting(eqx.Module):
     driven: tuple[bool, ...] = eqx.field(static=True)
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def learn_system(lom: StateSpace, order: int, signals: Signals, *, tied: bool = True, max_steps: int = 100) -> Learned:
     """A reduced model of `order` modes that gives the large model's outputs on these signals.
+
+    LAPACK's threads are kept from it: its matrices are thin, and on a busy machine threads that wait
+    for each other made the factorisations fifty times slower.
 
     Arguments:
         lom: the large model; hoist its `modal()` out of repeated calls.
