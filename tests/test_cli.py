@@ -125,7 +125,10 @@ def test_demo_wholly_through_diffrax_gives_the_same_diffusivity():
     window = wallid.design(case)
     rom = wallid.learn(case, window)
     fast = wallid.estimate(case, window, rom)
-    slow = wallid.estimate(case, window, rom, integrator="diffrax")
+    # design, learning and estimate, each through diffeqsolve
+    again = wallid.design(case, integrator="diffrax")
+    assert again.best == window.best
+    slow = wallid.estimate(case, again, wallid.learn(case, again, integrator="diffrax"), integrator="diffrax")
     assert slow.value == pytest.approx(fast.value, rel=1e-9)
 
 
@@ -241,6 +244,50 @@ def test_bad_input_ends_with_status_2_and_leaves_nothing(command, tmp_path, chan
     assert "Traceback" not in ended.stderr and ended.stdout == ""
     assert not (tmp_path / "out").exists()
     assert sorted(file.name for file in tmp_path.iterdir()) == ["case.toml", "record.csv"]
+
+
+def test_an_inner_sensor_is_asked_for(command, tmp_path):
+    path = write_case(tmp_path)
+    text = path.read_text().split("[[sensor]]")[0].replace("[record]", '[record]\nflux_left = "in"')
+    path.write_text(text)
+    ended = command("run", path)
+    assert ended.exit_code == 2 and "[[sensor]]" in ended.stderr
+
+
+def test_daily_rows(command, tmp_path):
+    """A step of a day: no window of one day is tried."""
+    days = pd.date_range("2020-03-01", periods=240, freq="D").strftime("%Y-%m-%d")
+    path = write_case(tmp_path, columns={"time": days})
+    path.write_text(path.read_text() + "[choices]\nwindow_days = 60\n")
+    assert command("run", path, "--quiet").exit_code in (0, 1)
+
+
+def test_a_window_without_readings_is_named(command, tmp_path):
+    readings = np.array(wallid.load("saint_julien").record.sensors[:240, 1])
+    readings[100:] = np.nan
+    ended = command("estimate", write_case(tmp_path, columns={"in": readings}), "--from-row", 120)
+    assert ended.exit_code == 2 and "no inner sensor has a reading" in ended.stderr
+
+
+def test_an_open_quotation_mark_is_named(command, tmp_path):
+    path = write_case(tmp_path)
+    record = tmp_path / "record.csv"
+    record.write_text('"' + record.read_text() * 20)
+    ended = command("run", path)
+    assert ended.exit_code == 2 and "quotation mark" in ended.stderr
+
+
+def test_what_an_earlier_run_left_is_not_taken_for_this_ones(command, tmp_path):
+    assert command("estimate", "validation", "--quiet").exit_code == 0
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    assert command("estimate", "validation", "--model", "lom", "--quiet").exit_code == 0
+    names = {file.name for file in (tmp_path / "out").iterdir()}
+    assert "model.npz" not in names and {"notes.txt", "result.json"} <= names
+
+
+def test_orders_that_cannot_be_learned_are_refused_first(command):
+    assert "--model mim" in command("run", "validation", "--model", "lom", "--orders", "3").stderr
+    assert "73" in command("run", "validation", "--orders", "200").stderr
 
 
 def test_an_unknown_case_lists_the_packaged_ones(command):

@@ -138,7 +138,7 @@ def test_the_layered_wall_learns_its_straight_line_too():
 def test_the_residuals_derivative_is_exact(wall_large):
     """Golub and Pereyra's formula against central differences of the eliminated misfit."""
     signals = both_faces(2)
-    setting = _setting(wall_large, signals, _reference(wall_large, signals), True)
+    setting = _setting(wall_large, signals, _reference(wall_large, signals, "propagator"), True, "propagator")
     start = _start(wall_large, 4, setting)
     rng = np.random.default_rng(1)
     direction = jax.tree.map(lambda leaf: jnp.asarray(rng.normal(size=leaf.shape)), start)
@@ -184,3 +184,15 @@ def test_signals_that_move_nothing_are_refused(large):
     still = wallid.Signals(fourier([5e-7]), 0.01, np.zeros((1, 20, 2)), np.zeros((1, 1)))
     with pytest.raises(ValueError, match="nothing to learn from"):
         wallid.mim.learn_system(large, 3, still)
+
+
+def test_a_constant_face_that_does_not_meet_the_start_is_a_step_to_learn_from(large):
+    step = wallid.Signals(fourier([3e-7, 6e-7]), 0.01, np.stack([faces(np.ones(100))] * 2), np.zeros((2, 1)))
+    assert wallid.mim.learn_system(large, 3, step).system.driven == (True, False)
+
+
+def test_learned_wholly_through_diffrax_the_same(wall_large):
+    one, two = (
+        wallid.mim.learn_system(wall_large, 4, both_faces(2), integrator=way) for way in ("propagator", "diffrax")
+    )
+    np.testing.assert_allclose(np.sort(one.system.A), np.sort(two.system.A), rtol=1e-5)

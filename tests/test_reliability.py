@@ -51,8 +51,10 @@ def test_flux_and_loads_at_the_inner_face(case, fit, found):
     """j = -k dT/dx at x = 0 (inside), E its integral, at fixed conductivity."""
     u, scale = by_scipy(case, fit.value, [wallid.Output(0.0, "flux")])
     flux = u[:, 0] * 1.75 * scale.temperature / case.wall.length
-    np.testing.assert_allclose(found.loads.flux, flux, atol=1e-7)
-    energy = np.trapezoid(flux, dx=3600.0)
+    # the first row holds the jump between face and profile, at the mesh's mercy
+    assert np.isnan(found.loads.flux[0])
+    np.testing.assert_allclose(found.loads.flux[1:], flux[1:], atol=1e-7)
+    energy = np.trapezoid(flux[1:], dx=3600.0)
     assert found.loads.energy[2] == pytest.approx(energy, rel=1e-9)
     # warm inside, at x = 0: heat flows along +x, and the load is a loss
     assert energy > 0

@@ -282,6 +282,23 @@ def test_no_new_trace_for_new_values():
         compiled(slab(11, length=0.5 + 0.1 * k).modal(), jnp.asarray(0.1 + k), jnp.asarray(random_walk(9, 2, k)))
 
 
+@pytest.mark.parametrize("way", ["propagate", "simulate"])
+def test_plain_numbers_are_not_compiled_anew(way, caplog):
+    """A Python float for Fo or the step is an argument like any other."""
+    system, inputs, time = slab(9).modal(), random_walk(7, 2, 1), np.arange(7) / 10
+
+    def call(fo):
+        if way == "propagate":
+            return wallid.propagate(system, fo, 0.1 * fo, inputs, np.zeros(1))
+        return wallid.simulate(system, fo, time * fo, inputs, np.zeros(1))
+
+    call(0.3)
+    with jax.log_compiles(), caplog.at_level("WARNING"):
+        call(0.4)
+        call(0.5)
+    assert not [record for record in caplog.records if "Compiling" in record.message]
+
+
 @pytest.mark.parametrize(
     ("inputs", "initial", "message"),
     [

@@ -9,6 +9,7 @@
 Switch 64-bit floats on first: `jax.config.update("jax_enable_x64", True)`.
 """
 
+from importlib import import_module as _import_module
 from importlib.metadata import version as _version
 
 from .case import Case, load, packaged
@@ -26,6 +27,14 @@ from .statespace import StateSpace
 from .wall import InputError, Layer, Scales, Sensor, Wall
 
 __version__ = _version("wallid")
+
+
+def __getattr__(name: str):
+    """`wallid.plot`, imported where it is first asked for: matplotlib takes its time."""
+    if name == "plot":
+        return _import_module(".plot", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
 
 __all__ = [
     "Case",

@@ -134,6 +134,8 @@ def _read_header(file: str) -> list[str]:
         raise InputError(f"{file}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise _not_utf8(file) from error
+    except csv.Error as error:
+        raise InputError(f"{file}: line 1: cannot be read as CSV ({error}); is a quotation mark not closed?") from error
     if not header:
         raise InputError(f"{file}: line 1 is empty; it must be a header of column names")
     if len(header) == 1 and (found := re.search("[;\t|]", header[0])):

@@ -273,6 +273,8 @@ def _plan_learning(table: object) -> _LearningPlan:
             one = keys(signal, ("diffusivity", "left", "right"))
             diffusivity = number("diffusivity", one["diffusivity"], "m2/s", above=0.0)
             signals.append((diffusivity, text("left", one["left"]), text("right", one["right"])))
+    if not signals:
+        raise InputError("[learning] has no [[learning.signal]]; list at least one, or leave the table out")
     return _LearningPlan(file, time, coefficients, tuple(signals))
 
 

@@ -8,7 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
+import jax
 import typer
+from threadpoolctl import threadpool_limits
+
+from . import workflow
+from .case import Case, load
+from .experiment import Window, window_rows
+from .wall import InputError
 
 app = typer.Typer(
     name="wallid",
@@ -34,6 +41,10 @@ Integrator = Annotated[
     typer.Option(
         "--integrator", help="How the estimate steps through the rows: a fast scan, or diffrax; the same numbers."
     ),
+]
+Weights = Annotated[
+    Literal["noise", "none"],
+    typer.Option("--weights", help="Each reading by its sensor's noise, or the paper's plain sum of squares."),
 ]
 Orders = Annotated[
     str,
@@ -66,6 +77,7 @@ def main(version: Annotated[bool, typer.Option("--version", help="Print the vers
 @app.command()
 def demo(
     model: Model = None,
+    weights: Weights = "noise",
     integrator: Integrator = "propagator",
     orders: Orders = "",
     out: Out = OUT,
@@ -73,13 +85,14 @@ def demo(
     quiet: Quiet = False,
 ) -> None:
     """The whole method on the packaged case `saint_julien`, a synthetic twin of the paper's old wall."""
-    _everything("saint_julien", model, integrator, orders, out, json, quiet)
+    _everything("saint_julien", model, weights, integrator, orders, out, json, quiet)
 
 
 @app.command()
 def run(
     case: CaseArgument,
     model: Model = None,
+    weights: Weights = "noise",
     integrator: Integrator = "propagator",
     orders: Orders = "",
     out: Out = OUT,
@@ -87,19 +100,20 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Design, learn, estimate, and hold the whole record against the result."""
-    _everything(case, model, integrator, orders, out, json, quiet)
+    _everything(case, model, weights, integrator, orders, out, json, quiet)
 
 
 @app.command()
 def design(case: CaseArgument, out: Out = OUT, json: Json = False, quiet: Quiet = False) -> None:
     """Which days of the record tell most about the diffusivity, and what longer windows would give."""
-    _go(case, None, ("design",), out, json, quiet)
+    _go(case, None, ("design", "lengths"), out, json, quiet)
 
 
 @app.command()
 def estimate(
     case: CaseArgument,
     model: Model = None,
+    weights: Weights = "noise",
     integrator: Integrator = "propagator",
     from_row: From = None,
     out: Out = OUT,
@@ -110,9 +124,13 @@ def estimate(
     _go(case, model, ("design", "learn", "estimate"), out, json, quiet, integrator=integrator, from_row=from_row)
 
 
-def _everything(case: str, model: str | None, integrator: str, orders: str, out: Path, json: bool, quiet: bool) -> None:
-    stages = ("design", "learn", "estimate", "reliability", "lengths")
-    _go(case, model, stages, out, json, quiet, integrator=integrator, orders=orders)
+_ALL = ("design", "learn", "estimate", "reliability", "lengths")
+
+
+def _everything(
+    case: str, model: str | None, weights: str, integrator: str, orders: str, out: Path, json: bool, quiet: bool
+) -> None:
+    _go(case, model, _ALL, out, json, quiet, orders=orders, weights=weights, integrator=integrator)
 
 
 def _go(
@@ -123,68 +141,66 @@ def _go(
     json: bool,
     quiet: bool,
     *,
-    integrator: str = "propagator",
-    orders: str = "",
     from_row: int | None = None,
+    orders: str = "",
+    **choices: str,
 ) -> None:
     """Load, run, write, print; every message to standard error but the summary or the JSON."""
+    from . import report
+
     try:
-        wanted = _parse_orders(orders)
-        reliable = _work(name, model, stages, out, json, quiet, integrator, wanted, from_row)
-    except ValueError as error:  # InputError and the package's own checks of arguments
+        with _progress(quiet or json) as progress:
+            progress("reading the case", 0.0)
+            case = _load(name, model, out)
+            window = None if from_row is None else _window(case, from_row)
+            done = workflow.run(
+                case,
+                stages=stages,
+                window=window,
+                orders=_parse_orders(orders),
+                progress=lambda stage, share: progress(stage, 0.05 + 0.8 * share),
+                **choices,  # pyright: ignore[reportArgumentType] (typer has checked the words)
+            )
+            progress("figures", 0.9)
+            written = report.write(done, out)
+    except InputError as error:
         print(f"wallid: {error}", file=sys.stderr)
         raise typer.Exit(2) from None
-    if not reliable:
-        raise typer.Exit(1)
-
-
-def _work(name, model, stages, out, json, quiet, integrator, orders, from_row) -> bool:
-    with _progress(quiet or json) as progress:
-        progress("starting", 0.0)
-        import jax
-        from threadpoolctl import threadpool_limits
-
-        jax.config.update("jax_enable_x64", True)
-        from . import report, workflow
-        from .case import load
-        from .experiment import Window, window_rows
-
-        threadpool_limits(limits=1, user_api="blas")  # this process is ours: see learn_system for why
-        case = load(name)
-        if model is not None:
-            case = replace(case, choices=replace(case.choices, model=model))
-        window = None
-        if from_row is not None:
-            rows = window_rows(case, case.choices.window_days)
-            if from_row + rows > case.record.rows:
-                raise ValueError(
-                    f"--from-row {from_row}: a window of {rows} rows from there passes the record's end; "
-                    f"the last start is {case.record.rows - rows}"
-                )
-            window = Window(from_row, rows)
-        done = workflow.run(
-            case,
-            stages=stages,
-            window=window,
-            orders=orders,
-            integrator=integrator,
-            progress=lambda stage, share: progress(stage, 0.05 + 0.8 * share),
-        )
-        progress("figures", 0.9)
-        written = report.write(done, out)
     if json:
         print(report.dumps(done))
     elif not quiet:
         print(done)
         print(f"\nwrote        {', '.join(path.name for path in written)} to {out}")
-    return not done.unreliable
+    if done.unreliable:
+        raise typer.Exit(1)
+
+
+def _load(name: str, model: str | None, out: Path) -> Case:
+    """The case with the model asked for; settings of this process, which is ours."""
+    from .report import check_out
+
+    jax.config.update("jax_enable_x64", True)
+    threadpool_limits(limits=1, user_api="blas")  # see learn_system for why
+    case = load(name)
+    check_out(out)
+    return case if model is None else replace(case, choices=replace(case.choices, model=model))
+
+
+def _window(case: Case, row: int) -> Window:
+    rows = window_rows(case, case.choices.window_days)
+    if row + rows > case.record.rows:
+        raise InputError(
+            f"--from-row {row}: a window of {rows} rows from there passes the record's end; "
+            f"the last start is {case.record.rows - rows}"
+        )
+    return Window(row, rows)
 
 
 def _parse_orders(text: str) -> tuple[int, ...]:
     try:
         return tuple(int(part) for part in text.split(",") if part.strip())
     except ValueError:
-        raise ValueError(f'--orders {text!r}: whole numbers with commas are wanted, such as "2,5,10"') from None
+        raise InputError(f'--orders {text!r}: whole numbers with commas are wanted, such as "2,5,10"') from None
 
 
 @contextmanager

@@ -2,10 +2,11 @@
 
 For the window of rows `W` and the readings' standard deviations `sigma`::
 
-    I(W) = sum_s [ sum_t (dT/dalpha)^2 / sigma_s^2  -  (sum_t dT/dalpha / sigma_s^2)^2 / (n_s/sigma_s^2 + 1/sigma_b^2) ]
+    I(W) = S_aa - S_ab (S_bb + diag(1/sigma_b^2))^-1 S_ba,      S_pq = sum_s sum_t dT/dp dT/dq / sigma_s^2
 
-with `dT/dalpha = theta T_ref t_ref / L^2`; the second term projects out a sensor's constant offset
-where the case states its `offset_std` sigma_b. With one parameter the D-criterion `det F` is I.
+with `dT/dalpha = theta T_ref t_ref / L^2` and b the constant offsets of the sensors whose case states
+an `offset_std` sigma_b: they are projected out, and with them what they make of the initial profile,
+which is fitted through the readings. With one parameter the D-criterion `det F` is I.
 The paper integrates over time where readings are what counts, and takes one sigma.
 
 Source: Berger and Kadoch, Section 4.1; Ucinski, Optimal Measurement Methods (2004), 2.3.
@@ -35,8 +36,10 @@ from .experiment import (
     scales,
     window_rows,
 )
-from .simulate import propagate
+from .record import Record
+from .simulate import Integrator, run_rows
 from .statespace import StateSpace
+from .wall import InputError
 
 _HOPELESS = 1e3  # relative standard error
 
@@ -114,6 +117,7 @@ def design(
     every_rows: int | None = None,
     restart: bool = True,
     sweep: Sweep = "map",
+    integrator: Integrator = "propagator",
     model: StateSpace | None = None,
 ) -> Design:
     """The best window of a case's record, by the large model at the prior diffusivity.
@@ -121,21 +125,24 @@ def design(
     Arguments:
         window_days: None for the case's choice.
         diffusivities: None for the prior alone; the best window is the first one's.
-        every_rows: distance of the candidates' starts; None for one a day (all where the record has
-            fewer than two days to spare).
+        every_rows: distance of the candidates' starts; None for one a day, or three where the record is
+            hardly longer than the window.
         restart: theta from 0 and a profile fitted at each window's start, as the estimate sees it;
             False cuts one theta of the whole record, as the paper does.
         sweep: how the windows are gone through; the same numbers.
+        integrator: how the windows' rows are stepped through.
         model: a large model at hand, to spare building it.
 
     Raises:
-        InputError: an unknown sweep.
+        InputError: a window that the record does not hold, or an unknown sweep.
     """
     one_of("sweep", sweep, ("map", "vmap"))
     record = case.record
     days = case.choices.window_days if window_days is None else window_days
     rows = window_rows(case, days)
-    starts = candidate_starts(record.rows, rows, every_rows or max(1, round(86400.0 / record.step)))
+    if every_rows is not None and every_rows < 1:
+        raise InputError(f"every_rows = {every_rows}; it must be at least 1")
+    starts = candidate_starts(record, rows, every_rows)
     alphas = (case.wall.diffusivity_prior,) if diffusivities is None else tuple(diffusivities)
     system = large_model(case) if model is None else model
     scale = scales(case)
@@ -143,11 +150,11 @@ def design(
     fourier = jnp.asarray([scale.fourier(alpha) for alpha in alphas])
     if restart:
         profiles = start_profiles(case, starts)
-        info = window_information(system, fourier, data, jnp.asarray(starts), profiles, rows=(rows,), sweep=sweep)[
-            :, :, 0
-        ]
+        info = window_information(
+            system, fourier, data, jnp.asarray(starts), profiles, rows=(rows,), sweep=sweep, integrator=integrator
+        )[:, :, 0]
     else:
-        info = cut_information(system, fourier, data, jnp.asarray(starts), rows=rows)
+        info = cut_information(system, fourier, data, jnp.asarray(starts), rows=rows, integrator=integrator)
     per_alpha = scale.fourier(1.0) * scale.temperature
     information = np.asarray(info) * per_alpha**2
     best = int(np.argmax(information[0]))
@@ -157,33 +164,65 @@ def design(
         starts=starts,
         diffusivities=alphas,
         information=information,
-        best=Window(row, rows, 1.0),
+        best=Window(row, rows),
         restart=restart,
         step=record.step,
         labels=(str(record.stamp(row)), str(record.stamp(row + rows))),
     )
 
 
-def start_profiles(case: Case, starts: np.ndarray) -> Float[Array, "window param"]:
-    """The dimensionless initial profile of each window."""
+class StartProfiles(eqx.Module):
+    """The initial profile of each window, and how it moves with each sensor's offset (1/K)."""
+
+    initial: Float[Array, "window param"]
+    per_offset: Float[Array, "window param sensor"]
+
+
+def start_profiles(case: Case, starts: np.ndarray) -> StartProfiles:
+    """The fitted initial profile at each start, dimensionless."""
     scale = scales(case)
-    fitted = [dimensionless_profile(fit_profile(case, int(row)).coefficients, scale) for row in starts]
-    return jnp.asarray(np.stack(fitted))
+    fitted = [fit_profile(case, int(row)) for row in starts]
+    initial = [dimensionless_profile(profile.coefficients, scale) for profile in fitted]
+    per_offset = [profile.per_reading / scale.temperature for profile in fitted]
+    return StartProfiles(jnp.asarray(np.stack(initial)), jnp.asarray(np.stack(per_offset)))
 
 
-def candidate_starts(record_rows: int, rows: int, every: int) -> np.ndarray:
-    """First rows of windows of `rows` rows inside a record, `every` rows apart."""
-    spare = record_rows - rows
-    return np.arange(0, spare + 1, min(every, max(1, spare // 2)))
+def candidate_starts(record: Record, rows: int, every: int | None) -> np.ndarray:
+    """First rows of windows of `rows` rows inside a record, `every` rows (None: about a day) apart."""
+    spare = record.rows - rows
+    if every is None:
+        every = min(max(1, round(86400.0 / record.step)), max(1, spare // 2))
+    return np.arange(0, spare + 1, every)
 
 
-def _information(theta: Array, weight: Array, offset_std: Array) -> Float[Array, " time"]:
-    """Information on Fo (in u) of the readings up to each row, constant offsets projected out."""
+def _offset_columns(
+    system: StateSpace, fo: Array, data: Experiment, per_offset: Array, rows: int, integrator: Integrator
+) -> Float[Array, "time sensor offset"]:
+    """What one kelvin of each estimated offset makes of the predicted readings, K."""
+    places = np.asarray(data.offsets)
+    still = jnp.zeros((rows, data.inputs.shape[1]))
+
+    def column(place: Array) -> Array:
+        u, _ = run_rows(system, fo, data.step, still, -per_offset[:, place], integrator=integrator)
+        return data.temperature * u + jax.nn.one_hot(place, u.shape[1])
+
+    return jnp.moveaxis(jax.vmap(column)(jnp.asarray(places)), 0, -1)
+
+
+def _information(
+    theta: Array, weight: Array, columns: Array | None, offset_std: Array, rows: tuple[int, ...]
+) -> Float[Array, " length"]:
+    """Information on Fo (in u) of the first so many rows each, offsets projected out."""
+    ends = np.asarray(rows) - 1
     scaled = theta * weight
-    direct = jnp.cumsum(scaled**2, axis=0)
-    precision = jnp.where(offset_std > 0, 1.0 / jnp.where(offset_std > 0, offset_std, 1.0) ** 2, jnp.inf)
-    shared = jnp.cumsum(scaled * weight, axis=0) ** 2 / (jnp.cumsum(weight**2, axis=0) + precision)
-    return jnp.sum(direct - shared, axis=1)
+    direct = jnp.cumsum(jnp.sum(scaled**2, axis=1))[ends]
+    if columns is None:
+        return direct
+    weighted = columns * weight[:, :, None]
+    mixed = jnp.cumsum(jnp.einsum("ts,tso->to", scaled, weighted), axis=0)[ends]
+    own = jnp.cumsum(jnp.einsum("tso,tsp->top", weighted, weighted), axis=0)[ends]
+    prior = jnp.diag(1.0 / offset_std**2)
+    return direct - jnp.sum(mixed * jnp.linalg.solve(own + prior, mixed[..., None])[..., 0], axis=-1)
 
 
 @eqx.filter_jit
@@ -192,10 +231,11 @@ def window_information(
     fourier: Float[Array, " case"],
     data: Experiment,
     starts: Int[Array, " window"],
-    profiles: Float[Array, "window param"],
+    profiles: StartProfiles,
     *,
     rows: tuple[int, ...],
     sweep: Sweep = "map",
+    integrator: Integrator = "propagator",
 ) -> Float[Array, "case window length"]:
     """The information of each window on Fo (in u), theta restarted at each window's start.
 
@@ -208,18 +248,23 @@ def window_information(
     longest = max(rows)
     inputs_on = jnp.pad(data.inputs, ((0, longest), (0, 0)), mode="edge")
     weight_on = jnp.pad(data.weight, ((0, longest), (0, 0)))
+    offset_std = data.offset_std[np.asarray(data.offsets, dtype=int)]
 
-    def one(fo: Array, start: Array, profile: Array) -> Array:
+    def one(fo: Array, window: tuple[Array, StartProfiles]) -> Array:
+        start, profile = window
         inputs = jax.lax.dynamic_slice_in_dim(inputs_on, start, longest)
         weight = jax.lax.dynamic_slice_in_dim(weight_on, start, longest)
-        _, theta = propagate(system, fo, data.step, inputs, profile, sensitivity=True)
+        _, theta = run_rows(system, fo, data.step, inputs, profile.initial, sensitivity=True, integrator=integrator)
         assert theta is not None
-        return _information(theta, weight, data.offset_std)[np.asarray(rows) - 1]
+        columns = None
+        if data.offsets:
+            columns = _offset_columns(system, fo, data, profile.per_offset, longest, integrator)
+        return _information(theta, weight, columns, offset_std, rows)
 
+    windows = (starts, profiles)
     if sweep == "vmap":
-        windows = jax.vmap(one, in_axes=(None, 0, 0))
-        return jax.vmap(windows, in_axes=(0, None, None))(fourier, starts, profiles)
-    return jax.lax.map(lambda fo: jax.lax.map(lambda window: one(fo, *window), (starts, profiles)), fourier)
+        return jax.vmap(lambda fo: jax.vmap(lambda window: one(fo, window))(windows))(fourier)
+    return jax.lax.map(lambda fo: jax.lax.map(lambda window: one(fo, window), windows), fourier)
 
 
 @eqx.filter_jit
@@ -230,17 +275,23 @@ def cut_information(
     starts: Int[Array, " window"],
     *,
     rows: int,
+    integrator: Integrator = "propagator",
 ) -> Float[Array, "case window"]:
     """The information of each window on Fo (in u), cut from one run over the whole record."""
+    whole = data.inputs.shape[0]
+    offset_std = data.offset_std[np.asarray(data.offsets, dtype=int)]
 
     def at(fo: Array) -> Array:
-        _, theta = propagate(system, fo, data.step, data.inputs, data.initial, sensitivity=True)
+        _, theta = run_rows(system, fo, data.step, data.inputs, data.initial, sensitivity=True, integrator=integrator)
         assert theta is not None
+        columns = None
+        if data.offsets:
+            columns = _offset_columns(system, fo, data, data.profile_per_offset, whole, integrator)
+        everything = (theta, data.weight, columns)
 
         def one(start: Array) -> Array:
-            cut = jax.lax.dynamic_slice_in_dim(theta, start, rows)
-            weight = jax.lax.dynamic_slice_in_dim(data.weight, start, rows)
-            return _information(cut, weight, data.offset_std)[-1]
+            cut = jax.tree.map(lambda part: jax.lax.dynamic_slice_in_dim(part, start, rows), everything)
+            return _information(cut[0], cut[1], cut[2], offset_std, (rows,))[0]
 
         return jax.lax.map(one, starts)
 
@@ -280,8 +331,7 @@ def lengths(
         on_length: told of each length when it is done.
     """
     rows = tuple(window_rows(case, length) for length in days)
-    every = max(1, round(86400.0 / case.record.step))
-    starts = candidate_starts(case.record.rows, min(rows), every)
+    starts = candidate_starts(case.record, min(rows), None)
     fourier = jnp.asarray([scales(case).fourier(case.wall.diffusivity_prior)])
     information = np.asarray(
         window_information(

@@ -37,8 +37,10 @@ from .experiment import (
 from .gauss_newton import GaussNewton, Trace
 from .learning import learn
 from .mim import Learned
-from .sensitivity import Integrator, explicit, field_with_theta, run
+from .sensitivity import explicit, field_with_theta, run
+from .simulate import Integrator
 from .statespace import StateSpace
+from .wall import InputError
 
 LOWEST, HIGHEST = 1e-10, 1e-2
 """Bounds of the search, m2/s: past any solid. An estimate at one is none."""
@@ -64,8 +66,9 @@ class Estimate:
     """A diffusivity with its interval, and how it was found.
 
     Arguments:
-        value, std: m2/s. `std` is that of ln(alpha) times alpha, from the stated noise, and wider
-            by the square root of the reduced chi-square where that is above 1.
+        value, std: m2/s. `std` is that of ln(alpha) times alpha, from the inner sensors' stated noise and
+            offsets, and wider by the square root of the reduced chi-square where that is above 1. The
+            faces' noise and position errors are not in it.
         interval_95: m2/s, symmetric in ln(alpha).
         offsets: per sensor with an `offset_std`: name -> (value, std), K.
         result: "converged", or what stopped the iteration.
@@ -77,6 +80,8 @@ class Estimate:
             `(time, sensor)`, offsets included.
         covariance: of (ln alpha, offsets in units of their prior).
         singular_values: of the weighted sensitivity, largest first.
+        model_shift: relative change of the estimate that a reduced model's error against the large
+            model makes; 0 for the large model. It is counted in `std`.
         profile: the initial profile that the window starts from.
         model: what was fitted, in words.
     """
@@ -96,6 +101,7 @@ class Estimate:
     residual: np.ndarray = field(repr=False)
     covariance: np.ndarray = field(repr=False)
     singular_values: np.ndarray = field(repr=False)
+    model_shift: float
     profile: Profile
     model: str
     window: Window
@@ -110,7 +116,8 @@ class Estimate:
         ]
         if self.profile.eps_2 is not None:
             degree = len(self.profile.coefficients) - 1
-            lines.append(f"profile      initial polynomial of degree {degree}, eps_2 {self.profile.eps_2:.2g} K")
+            fit = f"eps_2 {self.profile.eps_2:.2g} K" if self.profile.eps_2 > 1e-9 else "through all its readings"
+            lines.append(f"profile      initial polynomial of degree {degree}, {fit}")
         lines += [f"offset       {name} {value:+.3f} +- {std:.3f} K" for name, (value, std) in self.offsets.items()]
         if not self.reliable:
             lines.append(f"NOT TO BE RELIED ON: {self.reason}")
@@ -134,19 +141,21 @@ def estimate(
         window: None for the whole record.
         model: None for the case's choice: the large model, or a reduced one learned for the window.
         start: m2/s; None for the case's prior.
-        weights: each sensor by its `noise_std`, or the paper's plain sum of squares.
+        weights: each sensor by its `noise_std`, or the paper's plain sum of squares, whose covariance
+            then counts what each sensor's noise does to it.
         sensitivity: the explicit theta system, or autodiff (with a free H_theta, the first).
-        eta: both stopping criteria; None for the case's.
+        eta: the stopping criterion on the relative change of the diffusivity, and by its square the one
+            on the cost's, not under 1e-14; None for the case's.
 
     Raises:
         InputError: a reduced model that does not know what a face of this window does.
-        ValueError: a start outside `LOWEST` to `HIGHEST`, or an unknown choice.
+            Or a start outside `LOWEST` to `HIGHEST`, or an unknown choice.
     """
     one_of("weights", weights, ("noise", "none"))
     one_of("sensitivity", sensitivity, ("explicit", "autodiff"))
     start = case.wall.diffusivity_prior if start is None else start
     if not LOWEST < start < HIGHEST:
-        raise ValueError(f"start: {start} m2/s; it must lie between {LOWEST} and {HIGHEST}")
+        raise InputError(f"start = {start} m2/s; it must lie between {LOWEST} and {HIGHEST}")
     window = Window(0, case.record.rows) if window is None else as_window(window)
     if model is None:
         model = large_model(case) if case.choices.model == "lom" else learn(case, window)
@@ -154,18 +163,21 @@ def estimate(
     check_driven(system, case, window)
     data = experiment(case, window, weighted=weights == "noise")
     eta = case.choices.eta if eta is None else eta
+    per_alpha = jnp.asarray(scales(case).fourier(1.0))
     fit = fit_experiment(
         system,
         data,
-        jnp.asarray(scales(case).fourier(1.0)),
+        per_alpha,
         jnp.asarray(start),
         jnp.asarray(eta),
         explicit_theta=sensitivity == "explicit",
         integrator=integrator,
         max_iterations=case.choices.max_iterations,
     )
-    kind = "reduced" if system.order < case.choices.nodes - 2 else "large"
-    return _conclude(case, window, data, fit, f"{kind} model of order {system.order}", weights)
+    reduced = isinstance(model, Learned) or system.order < case.choices.nodes - 2
+    shift = float(_model_shift(large_model(case), system, data, per_alpha, fit)) if reduced else 0.0
+    name = f"{'reduced' if reduced else 'large'} model of order {system.order}"
+    return _conclude(case, window, data, fit, name, shift)
 
 
 class _Problem(eqx.Module):
@@ -181,12 +193,18 @@ class _Problem(eqx.Module):
     def predicted(self, y: Float[Array, " param"]) -> Float[Array, "time sensor"]:
         """Temperatures in degC, offsets included."""
         fourier = self.fourier_per_alpha * self.start * jnp.exp(y[0])
+        initial, offset = self.data.initial, jnp.zeros_like(self.data.offset_std)
+        if self.data.offsets:
+            places = np.asarray(self.data.offsets)
+            offset = offset.at[places].set(self.data.offset_std[places] * y[1:])
+            # the profile was fitted through readings that hold the offsets
+            initial = initial - self.data.profile_per_offset @ offset
         if self.explicit_theta:
-            u = field_with_theta(fourier, self.system, self.data, self.integrator)
+            u = field_with_theta(fourier, initial, self.system, self.data, self.integrator)
         else:
-            u = run(self.system, fourier, self.data, integrator=self.integrator)[0]
-        places = np.asarray(self.data.offsets, dtype=int)
-        return self.data.celsius(u).at[:, places].add(self.data.offset_std[places] * y[1:])
+            started = eqx.tree_at(lambda data: data.initial, self.data, initial)
+            u = run(self.system, fourier, started, integrator=self.integrator)[0]
+        return self.data.celsius(u) + offset
 
     def residual(self, y: Float[Array, " param"]) -> Float[Array, " reading"]:
         """The weighted misfit of every reading, then of every offset's prior."""
@@ -211,11 +229,12 @@ def fit_experiment(
     Arguments:
         fourier_per_alpha: Fo for a diffusivity of 1 m2/s.
         start: m2/s.
-        eta: both stopping criteria.
+        eta: the stopping criterion on the diffusivity; its square is that on the cost.
     """
     problem = _Problem(system, data, fourier_per_alpha, start, explicit_theta, integrator)
     solver = GaussNewton(
-        eta_1=eta,
+        # near the minimum gamma_1 goes with the square of gamma_2; under 1e-14 a sum of squares is round-off
+        eta_1=jnp.maximum(eta**2, 1e-14),
         eta_2=eta,
         lower=jnp.log(LOWEST / start),
         upper=jnp.log(HIGHEST / start),
@@ -246,16 +265,32 @@ def fit_experiment(
     )
 
 
-def _conclude(case: Case, window: Window, data: Experiment, fit: _Fit, model: str, weights: str) -> Estimate:
+@eqx.filter_jit
+def _model_shift(
+    large: StateSpace, system: StateSpace, data: Experiment, fourier_per_alpha: Float[Array, ""], fit: _Fit
+) -> Float[Array, ""]:
+    """How far a reduced model's own error moves ln(alpha): `(J^T J)^-1 J^T W (T_large - T_reduced)`."""
+    fourier = fourier_per_alpha * fit.trace.parameters[fit.trace.count - 1, 0]
+    apart = run(large, fourier, data)[0] - run(system, fourier, data)[0]
+    weighted = (data.weight * data.temperature * apart).reshape(-1)
+    rows = jnp.concatenate([weighted, jnp.zeros(len(data.offsets))])
+    return jnp.linalg.lstsq(fit.jacobian, rows)[0][0]
+
+
+def _conclude(case: Case, window: Window, data: Experiment, fit: _Fit, model: str, shift: float) -> Estimate:
     """Covariance, interval and verdict from what the compiled estimate gave."""
-    jacobian, singular, covariance = _covariance(np.asarray(fit.jacobian))
-    present = np.asarray(data.weight) > 0
+    weight, residual = np.asarray(data.weight), np.asarray(fit.residual)
+    present = weight > 0
+    noise = np.array([sensor.noise_std for sensor in case.sensors])
+    row_std = np.concatenate([(weight * noise).reshape(-1), np.ones(len(data.offsets))])
+    singular, covariance = _covariance(np.asarray(fit.jacobian), row_std)
     count = int(fit.trace.count)
-    cost = float(fit.trace.cost[count - 1])
-    freedom = int(present.sum()) + len(data.offsets) - jacobian.shape[1]
-    chi_square = cost / max(freedom, 1)
-    # the plain sum of squares states no noise: its own residual is the only measure of it
-    covariance = covariance * (chi_square if weights == "none" else max(1.0, chi_square))
+    beta = np.asarray(fit.parameters[1:])
+    freedom = int(present.sum()) - 1
+    chi_square = float(np.sum((residual / noise)[present] ** 2) + np.sum(beta**2)) / max(freedom, 1)
+    covariance = covariance * max(1.0, chi_square)
+    noise_std_log = float(np.sqrt(covariance[0, 0]))
+    covariance[0, 0] += shift**2
     value = float(fit.trace.parameters[count - 1, 0])
     std_log = float(np.sqrt(covariance[0, 0]))
     half = min(_NORMAL_95 * std_log, 700.0)  # exp(709) is the largest float
@@ -264,11 +299,14 @@ def _conclude(case: Case, window: Window, data: Experiment, fit: _Fit, model: st
     names = [case.sensors[s].name for s in data.offsets]
     offsets = {
         name: (float(std * beta), float(std * np.sqrt(variance)))
-        for name, std, beta, variance in zip(
-            names, offset_std, np.asarray(fit.parameters[1:]), np.diag(covariance)[1:], strict=True
-        )
+        for name, std, beta, variance in zip(names, offset_std, beta, np.diag(covariance)[1:], strict=True)
     }
     reason = _why_unreliable(case, value, interval, singular, bool(fit.converged))
+    if not reason and abs(shift) > noise_std_log:
+        reason = (
+            f"the reduced model's own error moves the estimate by {shift:+.1%}, more than the noise does; take a "
+            'higher order, learning_diffusivities around the estimate, or model = "lom"'
+        )
     history = {"diffusivity": fit.trace.parameters[:count, 0], "cost": fit.trace.cost[:count]}
     history |= {"gamma_1": fit.trace.gamma_1[:count], "gamma_2": fit.trace.gamma_2[:count]}
     return Estimate(
@@ -284,21 +322,29 @@ def _conclude(case: Case, window: Window, data: Experiment, fit: _Fit, model: st
         history={name: np.asarray(rows) for name, rows in history.items()},
         reduced_chi_square=chi_square,
         predicted=np.asarray(fit.predicted),
-        residual=np.where(present, np.asarray(fit.residual), np.nan),
+        residual=np.where(present, residual, np.nan),
         covariance=covariance,
         singular_values=singular,
+        model_shift=shift,
         profile=fit_profile(case, window.row),
         model=model,
         window=window,
     )
 
 
-def _covariance(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The Jacobian, its singular values, and `(J^T J)^-1` (infinite where a direction is missing)."""
-    _, singular, V = np.linalg.svd(jacobian, full_matrices=False)
-    if not np.all(np.isfinite(singular)) or singular[-1] <= _NO_INFORMATION * max(singular[0], 1.0):
-        return jacobian, singular, np.full((jacobian.shape[1],) * 2, np.inf)
-    return jacobian, singular, (V.T / singular**2) @ V
+def _covariance(jacobian: np.ndarray, row_std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Singular values of J, and `J^+ diag(row_std^2) J^+T` (infinite where a direction is missing).
+
+    With each row weighted by its own noise that is `(J^T J)^-1`.
+    """
+    parameters = jacobian.shape[1]
+    if not np.all(np.isfinite(jacobian)):
+        return np.full(parameters, np.nan), np.full((parameters, parameters), np.inf)
+    U, singular, V = np.linalg.svd(jacobian, full_matrices=False)
+    if singular[-1] <= _NO_INFORMATION * max(singular[0], 1.0):
+        return singular, np.full((parameters, parameters), np.inf)
+    spread = (V.T / singular) @ U.T * row_std
+    return singular, spread @ spread.T
 
 
 def _why_unreliable(

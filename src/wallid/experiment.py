@@ -11,12 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ._columns import FEWEST_ROWS
 from .case import Case
 from .lom import Output, lom
 from .statespace import StateSpace
 from .wall import InputError, Scales
 
-_STILL = 1e-6  # K: a face that moves less did not move
+STILL = 1e-6  # K: a face that moves less did not move
 
 
 @dataclass(frozen=True)
@@ -26,12 +27,10 @@ class Window:
     Arguments:
         row: the first.
         rows: how many.
-        criterion: the D-criterion over its largest among the candidates, 1.
     """
 
     row: int
     rows: int
-    criterion: float = 1.0
 
 
 @runtime_checkable
@@ -59,6 +58,8 @@ class Experiment(eqx.Module):
         observed: sensors' readings in degC, 0 where missing.
         weight: per reading, one over its standard deviation in K; 0 where missing.
         offset_std: of each sensor's constant offset, K; 0 where none is estimated.
+        profile_per_offset: how the initial profile, fitted through readings, moves with each sensor's
+            offset, 1/K; zero for a profile that was given.
         temperature, temperature_min: T = temperature_min + temperature u.
         offsets: the sensors with an offset, by place.
     """
@@ -69,6 +70,7 @@ class Experiment(eqx.Module):
     observed: Float[Array, "time sensor"] = eqx.field(converter=jnp.asarray)
     weight: Float[Array, "time sensor"] = eqx.field(converter=jnp.asarray)
     offset_std: Float[Array, " sensor"] = eqx.field(converter=jnp.asarray)
+    profile_per_offset: Float[Array, "param sensor"] = eqx.field(converter=jnp.asarray)
     temperature: Float[Array, ""] = eqx.field(converter=jnp.asarray)
     temperature_min: Float[Array, ""] = eqx.field(converter=jnp.asarray)
     offsets: tuple[int, ...] = eqx.field(static=True, default=())
@@ -89,10 +91,12 @@ class Profile:
 
     Arguments:
         coefficients: a_k in degC.
+        per_reading: how each sensor's reading moves them, `(param, sensor)`, 1.
         eps_2: root mean square of the fit, K; None where the profile was given.
     """
 
     coefficients: np.ndarray
+    per_reading: np.ndarray
     eps_2: float | None
 
 
@@ -103,14 +107,23 @@ def scales(case: Case) -> Scales:
 
 def profile_degree(case: Case) -> int:
     """The degree of the initial profile's polynomial in this case's models."""
-    given = case.choices.initial_coefficients
-    return max(case.choices.initial_profile, 0 if given is None else len(given) - 1)
+    given = [case.choices.initial_coefficients or (), *(signal.coefficients for signal in case.learning)]
+    return max(case.choices.initial_profile, *(len(coefficients) - 1 for coefficients in given))
 
 
 def window_rows(case: Case, days: float) -> int:
-    """How many rows a window of so many days has; all of a record that holds one row more."""
+    """How many rows a window of so many days has; all of a record that holds one row more.
+
+    Raises:
+        InputError: more than the record holds, or too few to tell anything.
+    """
     rows = case.record.rows_per(days)
-    return case.record.rows if case.record.rows - rows <= 1 else rows
+    if not FEWEST_ROWS <= rows <= case.record.rows:
+        raise InputError(
+            f"window_days = {days:g} makes {rows} rows of {case.record.step:g} s; it must make {FEWEST_ROWS} to "
+            f"{case.record.rows}, the record's own"
+        )
+    return case.record.rows if case.record.rows - rows == 1 else rows
 
 
 def fit_profile(case: Case, row: int) -> Profile:
@@ -123,16 +136,19 @@ def fit_profile(case: Case, row: int) -> Profile:
     count = profile_degree(case) + 1
     given = case.choices.initial_coefficients
     if given is not None and row == 0:
-        return Profile(np.pad(np.asarray(given, float), (0, count - len(given))), None)
+        still = np.zeros((count, len(case.sensors)))
+        return Profile(np.pad(np.asarray(given, float), (0, count - len(given))), still, None)
     record, length = case.record, case.wall.length
     places = np.array([0.0, 1.0, *(sensor.position / length for sensor in case.sensors)])
     readings = np.concatenate([record.faces[row], record.sensors[row]])
     there = np.isfinite(readings)
     degree = min(case.choices.initial_profile, int(there.sum()) - 1)
     basis = np.vander(places[there], degree + 1, increasing=True)
-    coefficients, *_ = np.linalg.lstsq(basis, readings[there], rcond=None)
-    misfit = basis @ coefficients - readings[there]
-    return Profile(np.pad(coefficients, (0, count - degree - 1)), float(np.sqrt(np.mean(misfit**2))))
+    per_reading = np.zeros((count, len(places)))
+    per_reading[: degree + 1, there] = np.linalg.pinv(basis)
+    coefficients = per_reading[:, there] @ readings[there]
+    misfit = basis @ coefficients[: degree + 1] - readings[there]
+    return Profile(coefficients, per_reading[:, 2:], float(np.sqrt(np.mean(misfit**2))))
 
 
 def dimensionless_profile(coefficients: np.ndarray, scale: Scales) -> np.ndarray:
@@ -146,21 +162,34 @@ def experiment(case: Case, window: Window | None = None, *, weighted: bool = Tru
     """A window of a case (None: its whole record) for estimation.
 
     Arguments:
-        weighted: each reading by its sensor's noise; False gives the paper's plain sum of squares.
+        weighted: each reading by its sensor's noise; False gives the paper's plain sum of squares (all
+            readings by one noise, the sensors' root mean square).
+
+    Raises:
+        InputError: no inner sensor has a reading in the window.
     """
     window = Window(0, case.record.rows) if window is None else window
     part = case.record.window(window.row, window.rows)
     scale = scales(case)
-    noise = np.array([sensor.noise_std if weighted else 1.0 for sensor in case.sensors])
+    noise = np.array([sensor.noise_std for sensor in case.sensors])
+    if not weighted:
+        noise = np.full_like(noise, np.sqrt(np.mean(noise**2)))
+    profile = fit_profile(case, window.row)
     offset_std = np.array([sensor.offset_std for sensor in case.sensors])
     present = np.isfinite(part.sensors)
+    if not present.any():
+        raise InputError(
+            f"{case.record.file}: no inner sensor has a reading from {part.stamp(0)} on, over {window.rows} rows; "
+            "take another window"
+        )
     return Experiment(
         step=part.step / scale.time,
         inputs=scale.dimensionless(part.faces),
-        initial=dimensionless_profile(fit_profile(case, window.row).coefficients, scale),
+        initial=dimensionless_profile(profile.coefficients, scale),
         observed=np.where(present, part.sensors, 0.0),
         weight=present / noise,
         offset_std=offset_std,
+        profile_per_offset=profile.per_reading / scale.temperature,
         temperature=scale.temperature,
         temperature_min=scale.temperature_min,
         offsets=tuple(int(s) for s in np.flatnonzero(offset_std > 0)),
@@ -168,7 +197,16 @@ def experiment(case: Case, window: Window | None = None, *, weighted: bool = Tru
 
 
 def large_model(case: Case, extra: Sequence[Output] = ()) -> StateSpace:
-    """The case's large model in its modes; outputs are the sensors, then `extra`."""
+    """The case's large model in its modes; outputs are the sensors, then `extra`.
+
+    Raises:
+        InputError: the case has no inner sensor, or fewer nodes than its layers need.
+    """
+    if not case.sensors:
+        raise InputError(
+            f"{case.path}: no [[sensor]]: a diffusivity needs a temperature inside the wall; estimating from heat "
+            "flux alone is not there yet"
+        )
     sensors = [Output(sensor.position, name=sensor.name) for sensor in case.sensors]
     degree = profile_degree(case)
     return lom(case.wall, [*sensors, *extra], nodes=case.choices.nodes, profile_degree=degree).modal()
@@ -186,7 +224,7 @@ def check_driven(model: StateSpace, case: Case, window: Window | None = None) ->
     ends = np.array([coefficients[0], coefficients.sum()])
     largest = np.max(np.abs(faces - ends), axis=0)
     for side, name in enumerate(("left", "right")):
-        if not model.driven[side] and largest[side] > _STILL:
+        if not model.driven[side] and largest[side] > STILL:
             raise InputError(
                 f"record: the {name} face moves by up to {largest[side]:.3g} K from the initial profile, and the "
                 f"reduced model never learned what the {name} face does; add a learning signal in which it "

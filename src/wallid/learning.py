@@ -8,11 +8,10 @@ from typing import Literal
 import numpy as np
 
 from .case import Case
-from .experiment import HasBest, Window, as_window, dimensionless_profile, large_model, profile_degree, scales
+from .experiment import STILL, HasBest, Window, as_window, dimensionless_profile, large_model, profile_degree, scales
 from .mim import Learned, Signals, choose_order, learn_system
+from .simulate import Integrator
 from .wall import InputError
-
-_STILL = 1e-6  # K: a face that moves less did not move
 
 
 def learn(
@@ -21,6 +20,7 @@ def learn(
     order: int | Literal["auto"] | None = None,
     *,
     tied: bool = True,
+    integrator: Integrator = "propagator",
     on_try: Callable[[Learned], None] = lambda learned: None,
 ) -> Learned:
     """A reduced model for a window of a case, of the case's order or another.
@@ -29,6 +29,7 @@ def learn(
         order: None for the case's; "auto" for the smallest whose error is under a tenth of the
             smallest noise and whose sensitivity is within 1 %.
         tied: one H for field and sensitivity; False leaves H_theta free (the paper).
+        integrator: how the signals' rows are stepped through.
         on_try: with "auto", told of each order.
 
     Raises:
@@ -40,7 +41,7 @@ def learn(
     if order == "auto":
         noise = min(sensor.noise_std for sensor in case.sensors)
         return choose_order(lom, signals, tolerance=0.1 * noise / scales(case).temperature, on_try=on_try)
-    return learn_system(lom, order, signals, tied=tied)
+    return learn_system(lom, order, signals, tied=tied, integrator=integrator)
 
 
 def learning_signals(case: Case, window: Window) -> Signals:
@@ -88,7 +89,7 @@ def learning_signals(case: Case, window: Window) -> Signals:
 def _face_courses(faces: np.ndarray) -> list[np.ndarray]:
     """Each face alone, from its first value, with the other one at rest; none where both stand still."""
     moves = faces - faces[0]
-    still = np.ptp(moves, axis=0) < _STILL
+    still = np.ptp(moves, axis=0) < STILL
     courses = []
     for side in (0, 1) if not still.all() else ():
         course = np.zeros_like(moves)

@@ -33,8 +33,9 @@ from jaxtyping import Array, Float
 from threadpoolctl import threadpool_limits
 
 from .metrics import eps_2, eps_inf
-from .simulate import propagate
+from .simulate import Integrator, run_rows
 from .statespace import StateSpace
+from .wall import InputError
 
 _POLE_RATIO = 1.05  # smallest ratio of neighbouring poles: where two meet, their basis is singular
 _STEADY = 1e-8  # relative: a profile column is a steady state of the large model
@@ -98,13 +99,22 @@ class _Setting(eqx.Module):
     steady_inputs: Float[Array, "input param"]  # zero columns for profiles that are no steady states
     weight: Float[Array, "kind signal"]
     target: tuple[Array, ...]  # weighted rows by outputs, a block per independent H
+    integrator: Integrator = eqx.field(static=True)
     every: int = eqx.field(static=True)  # each how many rows count
     free: tuple[int, ...] = eqx.field(static=True)
     driven: tuple[bool, ...] = eqx.field(static=True)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
-def learn_system(lom: StateSpace, order: int, signals: Signals, *, tied: bool = True, max_steps: int = 100) -> Learned:
+def learn_system(
+    lom: StateSpace,
+    order: int,
+    signals: Signals,
+    *,
+    tied: bool = True,
+    integrator: Integrator = "propagator",
+    max_steps: int = 60,
+) -> Learned:
     """A reduced model of `order` modes that gives the large model's outputs on these signals.
 
     LAPACK's threads are kept from it: its matrices are thin, and on a busy machine threads that wait
@@ -117,20 +127,22 @@ def learn_system(lom: StateSpace, order: int, signals: Signals, *, tied: bool = 
             then says so in `driven`.
         tied: one H for u and theta (theta is then the exact derivative); False leaves H_theta
             free, as the paper does.
+        integrator: how the signals' rows are stepped through.
+        max_steps: of Levenberg-Marquardt. Where two poles meet it creeps on without gain, so the last
+            step need not be a converged one; `eps_inf` says what was reached.
 
     Raises:
-        ValueError: an order that the large model cannot give, a tied or untied choice that the
-            signals do not determine, or signals that move nothing.
+        InputError: an order that the large model cannot give, or signals that do not teach it.
     """
     if not 1 <= order <= lom.order:
-        raise ValueError(f"order: {order}; it must lie between 1 and the large model's {lom.order}")
+        raise InputError(f"order = {order}; it must lie between 1 and the large model's {lom.order}")
     lom = lom.modal()
-    reference = jax.block_until_ready(_reference(lom, signals))
-    setting = _setting(lom, signals, reference, tied)
+    reference = jax.block_until_ready(_reference(lom, signals, integrator))
+    setting = _setting(lom, signals, reference, tied, integrator)
     start = _start(lom, order, setting)
     modes, steps = _search(start, setting, max_steps)
     system, condition = _assemble(lom, modes, setting)
-    learned = _reference(system, signals)
+    learned = _reference(system, signals, integrator)
     return Learned(
         system=system,
         eps_2=(eps_2(learned[0], reference[0]), eps_2(learned[1], reference[1])),
@@ -152,7 +164,7 @@ def choose_order(
     *,
     tolerance: float,
     sensitivity_tolerance: float = 0.01,
-    orders: Sequence[int] = (4, 6, 8, 10, 12, 15, 20, 25, 30),
+    orders: Sequence[int] = (2, 4, 6, 8, 10, 12, 15, 20, 25, 30),
     on_try: Callable[[Learned], None] = lambda learned: None,
 ) -> Learned:
     """The smallest order whose errors do not matter, or the best one tried.
@@ -163,7 +175,7 @@ def choose_order(
         sensitivity_tolerance: largest error of theta over the largest theta.
         on_try: told of each order, for a progress display.
     """
-    largest = float(jnp.max(jnp.abs(_reference(lom.modal(), signals)[1])))
+    largest = float(jnp.max(jnp.abs(_reference(lom.modal(), signals, "propagator")[1])))
     best: Learned | None = None
     for order in orders:
         if order > lom.order:
@@ -175,29 +187,38 @@ def choose_order(
         if learned.eps_inf[0] <= tolerance and learned.eps_inf[1] <= sensitivity_tolerance * largest:
             return learned
     if best is None:
-        raise ValueError(f"orders: none of {tuple(orders)} is within the large model's {lom.order}")
+        raise InputError(f"orders: none of {tuple(orders)} is within the large model's {lom.order}")
     return best
 
 
 @eqx.filter_jit
-def _reference(system: StateSpace, signals: Signals) -> tuple[Array, Array]:
+def _reference(system: StateSpace, signals: Signals, integrator: Integrator) -> tuple[Array, Array]:
     """u and theta of each signal, `(signal, time, output)`."""
-    run = jax.vmap(lambda fo, q, a: propagate(system, fo, signals.step, q, a, sensitivity=True))
-    u, theta = run(signals.fourier, signals.inputs, signals.initial)
+
+    def run(fo: Array, q: Array, a: Array) -> tuple[Array, Array | None]:
+        return run_rows(system, fo, signals.step, q, a, sensitivity=True, integrator=integrator)
+
+    u, theta = jax.vmap(run)(signals.fourier, signals.inputs, signals.initial)
     assert theta is not None
     return u, theta
 
 
-def _setting(lom: StateSpace, signals: Signals, reference: tuple[Array, Array], tied: bool) -> _Setting:
-    moves = np.ptp(np.asarray(signals.inputs), axis=1) > _QUIET
-    driven = tuple(bool(moved) for moved in np.any(moves, axis=0))
+def _setting(
+    lom: StateSpace, signals: Signals, reference: tuple[Array, Array], tied: bool, integrator: Integrator
+) -> _Setting:
     steady = _steady_inputs(lom)
     free = tuple(int(k) for k in np.flatnonzero(~np.any(steady != 0, axis=0)))
+    inputs, initial = np.asarray(signals.inputs), np.asarray(signals.initial)
+    moves = np.ptp(inputs, axis=1) > _QUIET
+    # from a steady profile, a constant input that does not meet it is a step at the start
+    at_rest = ~np.any(initial[:, free], axis=1)
+    moves |= at_rest[:, None] & (np.abs(inputs[:, 0] - initial @ steady.T) > _QUIET)
+    driven = tuple(bool(moved) for moved in np.any(moves, axis=0))
     unlearned = [k for k in free if not np.any(np.asarray(signals.initial)[:, k])]
     if not any(driven) and len(unlearned) == len(free):
-        raise ValueError("signals: none of them moves a face or a profile, so there is nothing to learn from")
+        raise InputError("signals: none of them moves a face or a profile, so there is nothing to learn from")
     if unlearned:
-        raise ValueError(
+        raise InputError(
             f"signals: no signal starts from a profile of degree {unlearned[0]}, so the reduced model "
             "cannot learn it; add one that does, or lower the large model's profile_degree"
         )
@@ -209,7 +230,7 @@ def _setting(lom: StateSpace, signals: Signals, reference: tuple[Array, Array], 
     u_rest = reference[0] - signals.inputs @ gain.T
     rows = [_rows(block, w, every) for block, w in zip((u_rest, reference[1]), weight, strict=True)]
     target = (jnp.concatenate(rows),) if tied else tuple(rows)
-    return _Setting(signals, gain, jnp.asarray(steady), weight, target, every, free, driven)
+    return _Setting(signals, gain, jnp.asarray(steady), weight, target, integrator, every, free, driven)
 
 
 def _steady_inputs(lom: StateSpace) -> np.ndarray:
@@ -252,7 +273,7 @@ def _basis(modes: _Modes, setting: _Setting) -> tuple[Array, Array]:
     count, inputs = modes.b.shape
     P = (modes.b @ setting.steady_inputs).at[:, setting.free].set(modes.profile)
     system = StateSpace(A=f, B=-f[:, None] * modes.b, C=jnp.eye(count), D=-modes.b, P=P, driven=(True,) * inputs)
-    u, theta = _reference(system, setting.signals)
+    u, theta = _reference(system, setting.signals, setting.integrator)
     return _rows(u, setting.weight[0], setting.every), _rows(theta, setting.weight[1], setting.every)
 
 
@@ -309,13 +330,15 @@ def _left_over_jvp(primals, tangents):
 def _search(start: _Modes, setting: _Setting, max_steps: int) -> tuple[_Modes, Array]:
     """The best modes by Levenberg-Marquardt, and its steps.
 
-    Searched are the logs of the gaps between poles past the smallest ratio, all of b but its
-    entries of 1 and of inputs that nothing drives, and the free columns of P.
+    Searched are the logs of the gaps between poles past the smallest ratio, b but for its largest entry
+    of each mode and for inputs that nothing drives, and the free columns of P.
     """
     smallest = np.log(_POLE_RATIO)
     gaps = jnp.diff(start.log_poles) - smallest
     coded = jnp.concatenate([start.log_poles[:1], jnp.log(jnp.expm1(gaps))])
-    searched = (start.b != 1.0) & jnp.asarray(setting.driven)
+    # one entry of each row of b stays 1: H holds the row's size
+    kept = jax.nn.one_hot(jnp.argmax(jnp.abs(start.b), axis=1), start.b.shape[1], dtype=bool)
+    searched = ~kept & jnp.asarray(setting.driven)
     unknowns = (coded, jnp.zeros_like(start.b), start.profile)
     if sum(setting.driven) < 2:
         unknowns = (coded, None, start.profile)

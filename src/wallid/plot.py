@@ -154,8 +154,11 @@ def convergence(value_ax: Axes, gamma_ax: Axes, fit: Estimate) -> None:
     steps = np.arange(len(fit.history["diffusivity"]))
     value_ax.plot(steps, fit.history["diffusivity"], "o-", color=BLUE)
     value_ax.set(xlabel="Gauss-Newton step", ylabel="diffusivity (m²/s)", title="Convergence")
+    steps = steps[1:]
     for name, symbol, tint in (("gamma_1", r"$\gamma_1$ (cost)", ORANGE), ("gamma_2", r"$\gamma_2$ (value)", GREEN)):
-        gamma_ax.semilogy(steps, fit.history[name], "o-", color=tint, label=symbol)
+        seen = fit.history[name][1:] > 0
+        if seen.any():
+            gamma_ax.semilogy(steps[seen], fit.history[name][1:][seen], "o-", color=tint, label=symbol)
     gamma_ax.set(xlabel="Gauss-Newton step", ylabel="relative change", title="Stopping criteria")
     gamma_ax.legend()
     for ax in (value_ax, gamma_ax):
@@ -217,12 +220,20 @@ def density(ax: Axes, reliability: Reliability, sensor: int) -> None:
         kept = values[np.isfinite(values)]
         ax.hist(kept, bins=list(bins), density=True, histtype="stepfilled", alpha=0.35, color=tint, label=name)
     x = np.linspace(-edge, edge, 301)
-    normal = np.exp(-0.5 * (x[:, None] / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
-    ax.plot(x, normal.mean(axis=1), color=GREY, label="measurement")
+    share, middle = _histogram(sigma)
+    normal = np.exp(-0.5 * (x[:, None] / middle) ** 2) / (middle * np.sqrt(2 * np.pi))
+    ax.plot(x, normal @ share, color=GREY, label="measurement")
     ax.set(
         xlabel="measured minus predicted (K)", ylabel="density (1/K)", title=f"{reliability.names[sensor]}: residual"
     )
     ax.legend()
+
+
+def _histogram(sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shares and middles of some 60 bins: a record's rows are too many for a density of each."""
+    count, edges = np.histogram(sigma, bins=60)
+    filled = count > 0
+    return count[filled] / count.sum(), (0.5 * (edges[1:] + edges[:-1]))[filled]
 
 
 def uncertainty(ax: Axes, reliability: Reliability) -> None:

@@ -26,9 +26,10 @@ class Loads:
     """Heat through the inner face at fixed conductivity, `c = k/alpha`.
 
     Arguments:
-        flux: j = -k dT/dx at the inner face, positive along +x, W/m2.
+        flux: j = -k dT/dx at the inner face, positive along +x, W/m2; NaN in the first row, where a face
+            that does not meet the initial profile makes it whatever the mesh is.
         factors: of the estimated diffusivity.
-        energy: E, the integral of j over the record at each factor, J/m2, signed.
+        energy: E, the integral of j from the second row on at each factor, J/m2, signed.
         conductivity: W/m/K.
     """
 
@@ -149,9 +150,11 @@ def _loads(case: Case, factors: np.ndarray, slope: np.ndarray) -> Loads | None:
     if conductivity is None:
         return None
     flux = conductivity * slope
+    energy = np.asarray(np.trapezoid(flux[:, 1:], dx=case.record.step, axis=1))
+    flux[:, 0] = np.nan
     return Loads(
         flux=flux[np.argmin(np.abs(factors - 1.0))],
         factors=factors,
-        energy=np.asarray(np.trapezoid(flux, dx=case.record.step, axis=1)),
+        energy=energy,
         conductivity=conductivity,
     )

@@ -7,6 +7,7 @@ import math
 import os
 import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SCHEMA = 1
+_FIGURES = ("record", "design", "orders", "estimate", "reliability", "uncertainty", "loads")
+_WRITTEN = {"result.json", "model.npz", *(f"{stem}.png" for stem in _FIGURES)}
+"""What a run may write: what an earlier one left of these and this one did not write is not its result."""
 
 
 def result(run: Run) -> dict[str, Any]:
@@ -52,6 +56,9 @@ def result(run: Run) -> dict[str, Any]:
             "held_out_after_K": None,
         }
         found["iterations"] = fit.iterations
+        profile = fit.profile
+        found["initial_profile"] = {"coefficients_degC": profile.coefficients, "eps_2_K": profile.eps_2}
+        found["model_shift"] = fit.model_shift
         found["offsets"] = {
             name: {"value": value, "std": std, "unit": "K"} for name, (value, std) in fit.offsets.items()
         }
@@ -207,16 +214,38 @@ def write(run: Run, out: str | Path) -> list[Path]:
         InputError: the folder cannot be made or written.
     """
     out = Path(out)
+    with _folder(out) as made:
+        names = _fill(run, made)
+        for name in names:
+            os.replace(made / name, out / name)
+    for stale in _WRITTEN - set(names):
+        (out / stale).unlink(missing_ok=True)
+    return [out / name for name in names]
+
+
+def check_out(out: str | Path) -> None:
+    """Refuse a folder that cannot be written before anything long begins, and leave no trace.
+
+    Raises:
+        InputError: the folder cannot be made or written.
+    """
+    out = Path(out)
+    missing = [folder for folder in (out, *out.parents) if not folder.exists()]
+    with _folder(out):
+        pass
+    for folder in missing:
+        folder.rmdir()
+
+
+@contextmanager
+def _folder(out: Path) -> Iterator[Path]:
+    """A folder for work in progress, inside `out`: each move out of it is one step of the file system."""
     try:
         out.mkdir(parents=True, exist_ok=True)
-        # made beside the folder, so that each move into it is one step of the file system
-        with tempfile.TemporaryDirectory(dir=out.resolve().parent, prefix=".wallid-") as made:
-            names = _fill(run, Path(made))
-            for name in names:
-                os.replace(Path(made) / name, out / name)
+        with tempfile.TemporaryDirectory(dir=out, prefix=".wallid-") as made:
+            yield Path(made)
     except OSError as error:
         raise InputError(f"--out {out}: cannot write there ({error.strerror or error})") from error
-    return [out / name for name in names]
 
 
 def _fill(run: Run, folder: Path) -> list[str]:

@@ -7,19 +7,14 @@ with a free H_theta has only the explicit one as its learned sensitivity.
 
 from __future__ import annotations
 
-from typing import Literal
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, ScalarLike
 
 from .experiment import Experiment
-from .simulate import Outputs, propagate, simulate
+from .simulate import Integrator, Outputs, run_rows
 from .statespace import StateSpace
-
-Integrator = Literal["propagator", "diffrax"]
-"""How rows are stepped through: the fast scan, or `diffrax.diffeqsolve`; the same exact step."""
 
 
 def run(
@@ -30,20 +25,29 @@ def run(
     sensitivity: bool = False,
     integrator: Integrator = "propagator",
 ) -> tuple[Outputs, Outputs | None]:
-    """u and theta at the rows of an experiment.
+    """u and theta at the rows of an experiment."""
+    return run_rows(
+        system,
+        fourier,
+        experiment.step,
+        experiment.inputs,
+        experiment.initial,
+        sensitivity=sensitivity,
+        integrator=integrator,
+    )
 
-    Raises:
-        ValueError: an integrator that there is not.
-    """
-    if integrator == "propagator":
-        return propagate(
-            system, fourier, experiment.step, experiment.inputs, experiment.initial, sensitivity=sensitivity
-        )
-    if integrator == "diffrax":
-        return simulate(
-            system, fourier, experiment.time, experiment.inputs, experiment.initial, sensitivity=sensitivity
-        )
-    raise ValueError(f'integrator: {integrator!r}; it is "propagator" or "diffrax"')
+
+def profile_response(
+    system: StateSpace,
+    fourier: ScalarLike,
+    experiment: Experiment,
+    initial: Float[Array, " param"],
+    *,
+    integrator: Integrator = "propagator",
+) -> Outputs:
+    """What an addition to the initial profile alone makes of u: the faces add nothing."""
+    still = eqx.tree_at(lambda e: (e.inputs, e.initial), experiment, (jnp.zeros_like(experiment.inputs), initial))
+    return run(system, fourier, still, integrator=integrator)[0]
 
 
 def explicit(
@@ -67,15 +71,28 @@ def autodiff(
 
 @eqx.filter_custom_jvp
 def field_with_theta(
-    fourier: Float[Array, ""], system: StateSpace, experiment: Experiment, integrator: Integrator
+    fourier: Float[Array, ""],
+    initial: Float[Array, " param"],
+    system: StateSpace,
+    experiment: Experiment,
+    integrator: Integrator,
 ) -> Outputs:
-    """u, whose derivative by Fo is the explicit theta: for solvers that ask autodiff for a Jacobian."""
-    return run(system, fourier, experiment, integrator=integrator)[0]
+    """u from an initial profile; its derivative by Fo is the explicit theta.
+
+    For solvers that ask autodiff for a Jacobian. In the initial profile u is linear.
+    """
+    started = eqx.tree_at(lambda e: e.initial, experiment, initial)
+    return run(system, fourier, started, integrator=integrator)[0]
 
 
 @field_with_theta.def_jvp
 def _field_jvp(primals, tangents):
-    fourier, system, experiment, integrator = primals
-    u, theta = explicit(system, fourier, experiment, integrator=integrator)
-    change = tangents[0]
-    return u, jnp.zeros_like(theta) if change is None else theta * change
+    fourier, initial, system, experiment, integrator = primals
+    started = eqx.tree_at(lambda e: e.initial, experiment, initial)
+    u, theta = explicit(system, fourier, started, integrator=integrator)
+    change = jnp.zeros_like(u)
+    if tangents[0] is not None:
+        change = change + theta * tangents[0]
+    if tangents[1] is not None:
+        change = change + profile_response(system, fourier, experiment, tangents[1], integrator=integrator)
+    return u, change

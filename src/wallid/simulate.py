@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, PyTree, ScalarLike
 
 from .statespace import StateSpace
@@ -25,6 +26,8 @@ from .statespace import StateSpace
 _SERIES_TERMS = 18  # 1/21! < 1e-19: the tail of the series below |z| = 1 is under round-off
 _MAX_SQUARINGS = 48  # expm gives NaN past it; 2^48 is more than any mesh times any step
 _STRETCH = 4096  # rows
+
+ArrayLike = Array | np.ndarray
 
 State = tuple[Float[Array, " node"], Float[Array, " node"] | None]
 
@@ -236,13 +239,12 @@ def _flow_of(terms: PyTree) -> Flow:
 Outputs = Float[Array, "time output"]
 
 
-@eqx.filter_jit
 def simulate(
     system: StateSpace,
     fourier: ScalarLike,
-    time: Float[Array, " time"],
-    inputs: Float[Array, "time input"],
-    initial: Float[Array, " param"],
+    time: Float[ArrayLike, " time"],
+    inputs: Float[ArrayLike, "time input"],
+    initial: Float[ArrayLike, " param"],
     *,
     sensitivity: bool = False,
     solver: diffrax.AbstractSolver = Exponential(),  # noqa: B008 (immutable)
@@ -273,12 +275,32 @@ def simulate(
     Raises:
         ValueError: shapes that do not fit the model; `Exponential` with an adaptive controller.
     """
+    # as arrays, or each new number would be compiled anew
+    fourier, time, inputs, initial = (jnp.asarray(given, dtype=float) for given in (fourier, time, inputs, initial))
     _check_shapes(system, inputs, initial)
     if time.shape != inputs.shape[:1]:
         raise ValueError(f"simulate: {time.shape[0]} times for {inputs.shape[0]} rows of inputs")
     if controller is not None and isinstance(solver, Exponential):
         raise ValueError("simulate: the exact solver has no error to control; leave `controller` out")
-    fourier = jnp.asarray(fourier, dtype=float)
+    return _simulate(
+        system, fourier, time, inputs, initial, sensitivity, solver, controller, substeps, adjoint, max_steps
+    )
+
+
+@eqx.filter_jit
+def _simulate(
+    system: StateSpace,
+    fourier: Array,
+    time: Array,
+    inputs: Array,
+    initial: Array,
+    sensitivity: bool,
+    solver: diffrax.AbstractSolver,
+    controller: diffrax.AbstractAdaptiveStepSizeController | None,
+    substeps: int,
+    adjoint: diffrax.AbstractAdjoint,
+    max_steps: int | None,
+) -> tuple[Outputs, Outputs | None]:
     flow = Flow(system, fourier, diffrax.LinearInterpolation(time, inputs))
     steps_controller: diffrax.AbstractStepSizeController
     if controller is None:
@@ -310,13 +332,12 @@ def simulate(
     return u[::substeps], None if theta is None else theta[::substeps]
 
 
-@eqx.filter_jit
 def propagate(
     system: StateSpace,
     fourier: ScalarLike,
     step: ScalarLike,
-    inputs: Float[Array, "time input"],
-    initial: Float[Array, " param"],
+    inputs: Float[ArrayLike, "time input"],
+    initial: Float[ArrayLike, " param"],
     *,
     sensitivity: bool = False,
 ) -> tuple[Outputs, Outputs | None]:
@@ -327,8 +348,16 @@ def propagate(
 
     Arguments, Returns, Raises: as in `simulate`.
     """
+    fourier, step, inputs, initial = (jnp.asarray(given, dtype=float) for given in (fourier, step, inputs, initial))
     _check_shapes(system, inputs, initial)
-    exact = step_map(system, jnp.asarray(fourier, dtype=float), jnp.asarray(step), sensitivity=sensitivity)
+    return _propagate(system, fourier, step, inputs, initial, sensitivity)
+
+
+@eqx.filter_jit
+def _propagate(
+    system: StateSpace, fourier: Array, step: Array, inputs: Array, initial: Array, sensitivity: bool
+) -> tuple[Outputs, Outputs | None]:
+    exact = step_map(system, fourier, step, sensitivity=sensitivity)
     start = _initial_state(system, initial, sensitivity)
 
     def stretch(state: State, ends: tuple[Array, Array]) -> tuple[State, tuple[Array, Array | None]]:
@@ -346,6 +375,27 @@ def propagate(
     return jax.tree.map(
         lambda row, rows, last: jnp.concatenate([row[None], rows.reshape(-1, rows.shape[-1]), last]), first, long, rest
     )
+
+
+Integrator = Literal["propagator", "diffrax"]
+"""How uniform rows are stepped through: the fast scan, or `diffrax.diffeqsolve`; the same exact step."""
+
+
+def run_rows(
+    system: StateSpace,
+    fourier: ScalarLike,
+    step: ScalarLike,
+    inputs: Float[ArrayLike, "time input"],
+    initial: Float[ArrayLike, " param"],
+    *,
+    sensitivity: bool = False,
+    integrator: Integrator = "propagator",
+) -> tuple[Outputs, Outputs | None]:
+    """`propagate`, or `simulate` with the exact solver, on rows `step` (in t_ref) apart."""
+    if integrator == "propagator":
+        return propagate(system, fourier, step, inputs, initial, sensitivity=sensitivity)
+    time = jnp.asarray(step) * jnp.arange(inputs.shape[0])
+    return simulate(system, fourier, time, inputs, initial, sensitivity=sensitivity)
 
 
 def stable_substeps(system: StateSpace, fourier: float, step: float) -> int:

@@ -6,7 +6,9 @@ import time as clock
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Literal
 
+from ._columns import FEWEST_ROWS
 from .case import Case
 from .design import Design, Lengths, design, lengths
 from .estimate import Estimate, estimate, seconds_of_estimate
@@ -14,8 +16,9 @@ from .experiment import Window, large_model
 from .learning import learn, learning_signals
 from .mim import Learned, sweep_orders
 from .reliability import Reliability, reliability
-from .sensitivity import Integrator
+from .simulate import Integrator
 from .statespace import StateSpace
+from .wall import InputError
 
 Progress = Callable[[str, float], None]
 """Told the stage now beginning, and the share of the work done before it, 0 to 1."""
@@ -68,6 +71,7 @@ def run(
     stages: Sequence[str] = ("design", "lengths", "learn", "estimate", "reliability"),
     window: Window | None = None,
     orders: Sequence[int] = (),
+    weights: Literal["noise", "none"] = "noise",
     integrator: Integrator = "propagator",
     progress: Progress = lambda stage, share: None,
 ) -> Run:
@@ -76,6 +80,7 @@ def run(
     Arguments:
         window: given by hand; None for the design's best.
         orders: reduced models to learn for the figure of error against order.
+        weights: of the estimate's readings.
         integrator: how the design's, the learning's and the estimate's rows are stepped through.
         progress: told of each stage.
 
@@ -83,45 +88,46 @@ def run(
         InputError: what the case cannot give, named.
     """
     done = Run(case)
-    weights = {"design": 2.0, "lengths": 4.0, "learn": 5.0 + 4.0 * len(orders), "estimate": 3.0, "reliability": 4.0}
-    total, passed = sum(weights[stage] for stage in stages), 0.0
+    _check_orders(case, orders)
+    work = {"design": 2.0, "lengths": 4.0, "learn": 5.0 + 4.0 * len(orders), "estimate": 3.0, "reliability": 4.0}
+    total, passed = sum(work[stage] for stage in stages), 0.0
 
     def begin(stage: str, words: str) -> None:
         nonlocal passed
         progress(words, passed / total)
-        passed += weights[stage]
+        passed += work[stage]
 
     if "design" in stages:
         begin("design", "design: which days tell most")
         with done.timed("design"):
-            done.design = design(case)
-        if not done.design.informative:
+            done.design = design(case, integrator=integrator)
+        if not done.design.informative and window is None:
             progress("done", 1.0)
             return done
     if window is None:
-        window = done.design.best if done.design else design(case).best
-    model: StateSpace | None = None
+        window = (done.design or design(case, integrator=integrator)).best
+    model: StateSpace
     if "learn" in stages and case.choices.model == "mim":
         begin("learn", "learn: a reduced model for these days")
         with done.timed("learn"):
-            done.learned = learn(case, window)
+            done.learned = learn(case, window, integrator=integrator)
         if orders:
             with done.timed("orders"):
                 large, signals = large_model(case), learning_signals(case, window)
                 done.orders = list(sweep_orders(large, orders, signals))
         model = done.learned.system
-    elif "estimate" in stages:
+    else:
         model = large_model(case)
-    if "estimate" in stages and model is not None:
+    if "estimate" in stages:
         begin("estimate", "estimate: Gauss-Newton")
         with done.timed("estimate"):
-            done.fit = estimate(case, window, model, integrator=integrator)
+            done.fit = estimate(case, window, model, weights=weights, integrator=integrator)
     if "reliability" in stages and done.fit is not None:
         begin("reliability", "reliability: the whole record")
         with done.timed("reliability"):
             done.reliability = reliability(case, done.fit, model)
     days = _days_within(case)
-    if "lengths" in stages and model is not None and len(days) > 1:
+    if "lengths" in stages and len(days) > 1:
         begin("lengths", "design: what longer windows give and cost")
         with done.timed("lengths"):
             done.lengths = lengths(case, days, lambda found: seconds_of_estimate(case, found, model))
@@ -129,8 +135,18 @@ def run(
     return done
 
 
+def _check_orders(case: Case, orders: Sequence[int]) -> None:
+    """Refuse orders that cannot be learned before anything long begins."""
+    largest = case.choices.nodes - 2
+    if orders and case.choices.model == "lom":
+        raise InputError('--orders: the case\'s model is "lom", so no reduced model is learned; take --model mim')
+    if wrong := [order for order in orders if not 1 <= order <= largest]:
+        raise InputError(f"--orders: {wrong[0]}; with {case.choices.nodes} nodes an order lies between 1 and {largest}")
+
+
 def _days_within(case: Case) -> tuple[float, ...]:
     """The lengths of the compromise figure that fit into half the record at least once."""
     if case.record.rows > _MOST_ROWS:
         return ()
-    return tuple(days for days in _DAYS if days <= 0.5 * case.record.duration / 86400.0)
+    rows = {days: case.record.rows_per(days) for days in _DAYS}
+    return tuple(days for days in _DAYS if FEWEST_ROWS <= rows[days] <= case.record.rows // 2)
