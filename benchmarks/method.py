@@ -90,7 +90,7 @@ def reduced_model(case: wallid.Case) -> Iterator[Row]:
                 )(fos)
 
             errors = [np.abs(a - b).max() for a, b in zip(run(large), run(reduced), strict=True)]
-            wanted = " and ".join("-" if target is None else f"{target:.0e}" for target in targets[order])
+            wanted = " and ".join("-" if target is None else f"{target:.1e}" for target in targets[order])
             yield f"MIM {order}, {name}: eps_inf of u and theta", wanted, f"{errors[0]:.1e} and {errors[1]:.1e}"
 
 
