@@ -12,7 +12,7 @@ from benchmarks.make_examples import slab_response
 from systems import DAY, LENGTH, POINTS, T_REF, faces, fourier, half_minutes, scipy_field_and_sensitivity, slab
 
 import wallid
-from wallid.simulate import phi_functions
+from wallid.exponential import phi_functions
 
 
 def phi_by_decimals(z):

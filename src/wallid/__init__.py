@@ -16,13 +16,14 @@ from .case import Case, load, packaged
 from .design import Design, Lengths, design, lengths
 from .estimate import Estimate, estimate, seconds_of_estimate
 from .experiment import Experiment, Window, experiment, fit_profile, large_model, scales
+from .exponential import Exponential
 from .learning import learn, learning_signals
 from .lom import Output, lom
 from .mim import Learned, Signals, choose_order, learn_system, sweep_orders
 from .record import Record, read_record
 from .reliability import Loads, Reliability, reliability
 from .sensitivity import autodiff, explicit
-from .simulate import Exponential, propagate, simulate, stable_substeps
+from .simulate import propagate, simulate, stable_substeps
 from .statespace import StateSpace
 from .wall import InputError, Layer, Scales, Sensor, Wall
 

@@ -9,7 +9,7 @@ an `offset_std` sigma_b: they are projected out, and with them what they make of
 which is fitted through the readings. With one parameter the D-criterion `det F` is I.
 The paper integrates over time where readings are what counts, and takes one sigma.
 
-Source: Berger and Kadoch, Section 4.1; Ucinski, Optimal Measurement Methods (2004), 2.3.
+Source: Berger and Kadoch, Section 4.1; Ucinski, Optimal Measurement Methods (2004).
 """
 
 from __future__ import annotations

@@ -12,7 +12,8 @@ keeps the diffusivity positive. Far from the solution a full step can overshoot:
 diffusivity by a factor of e^2 at most, stays within its bounds, and is halved until the cost
 does not grow.
 
-Source: Berger and Kadoch, Section 4.2 and Algorithm 1; Deuflhard, Newton Methods (2004), 4.3.
+Source: Berger and Kadoch, Section 4.2 and Algorithm 1; Deuflhard, Newton Methods for Nonlinear Problems
+(2004), chapter 4.
 """
 
 from __future__ import annotations

@@ -299,7 +299,7 @@ def _left_over(modes: _Modes, setting: _Setting) -> tuple[Array, ...]:
 
 @_left_over.defjvp
 def _left_over_jvp(primals, tangents):
-    """Exactly: `dr = -(I - Q Q^T) dPhi H^T - Q R^-T dPhi^T r` (Golub and Pereyra, eq. 5.4).
+    """Exactly: `dr = -(I - Q Q^T) dPhi H^T - Q R^-T dPhi^T r` (Golub and Pereyra).
 
     A number of mode k moves column k of the basis only, so one derivative per kind of number, along
     a direction that moves all modes at once, gives all columns of all modes.
