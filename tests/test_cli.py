@@ -242,6 +242,7 @@ def test_bad_input_ends_with_status_2_and_leaves_nothing(command, tmp_path, chan
     for word in words:
         assert word in ended.stderr
     assert "Traceback" not in ended.stderr and ended.stdout == ""
+    assert ended.stderr.startswith("wallid: ") and ended.stderr.count("\n") == 1
     assert not (tmp_path / "out").exists()
     assert sorted(file.name for file in tmp_path.iterdir()) == ["case.toml", "record.csv"]
 

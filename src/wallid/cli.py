@@ -19,7 +19,6 @@ from .wall import InputError
 
 app = typer.Typer(
     name="wallid",
-    help="From temperatures logged in and on a wall to its thermal diffusivity.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -217,7 +216,9 @@ def _progress(silent: bool):
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description:<45}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    console = Console(stderr=True)
+    # a file or a pipe wants messages, not a bar
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=1.0)
 
         def say(stage: str, share: float) -> None:

@@ -314,7 +314,8 @@ class Lengths:
 
     def __str__(self) -> str:
         rows = zip(self.days, self.criterion, self.seconds, strict=True)
-        return "\n".join(f"{d:6.2f} days  criterion {c:.3f}  estimate {1e3 * s:.2f} ms" for d, c, s in rows)
+        lines = [f"  {d:6.2f} days   criterion {c:5.3f}   {1e3 * s:6.2f} ms" for d, c, s in rows]
+        return "\n".join(["lengths      the best window of each, and what its estimate costs", *lines])
 
 
 def lengths(

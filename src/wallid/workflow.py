@@ -61,7 +61,7 @@ class Run:
         return self.fit.reason if self.fit is not None else ""
 
     def __str__(self) -> str:
-        parts = [self.case, self.design, self.learned, self.fit, self.reliability]
+        parts = [self.case, self.design, self.lengths, self.learned, self.fit, self.reliability]
         return "\n\n".join(str(part) for part in parts if part is not None)
 
 
