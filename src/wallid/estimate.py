@@ -158,7 +158,7 @@ def estimate(
         raise InputError(f"start = {start} m2/s; it must lie between {LOWEST} and {HIGHEST}")
     window = Window(0, case.record.rows) if window is None else as_window(window)
     if model is None:
-        model = large_model(case) if case.choices.model == "lom" else learn(case, window)
+        model = large_model(case) if case.choices.model == "lom" else learn(case, window, integrator=integrator)
     system = model.system if isinstance(model, Learned) else model
     check_driven(system, case, window)
     data = experiment(case, window, weighted=weights == "noise")
