@@ -1,6 +1,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 
 import wallid
 from wallid.cli import app
+from wallid.workflow import Run
 
 FIGURES = {"record.png", "design.png", "estimate.png", "reliability.png", "uncertainty.png", "loads.png"}
 QUANTITY = {
@@ -59,9 +61,11 @@ def demo(tmp_path_factory):
     out = tmp_path_factory.mktemp("demo")
     script = """
 import sys
+from dataclasses import replace
 opened = []
 sys.addaudithook(lambda event, args: opened.append(str(args[0])) if event == "open" else None)
 from wallid.cli import app
+from wallid.workflow import Run
 try:
     app(["demo", "--json", "--out", sys.argv[1]])
 except SystemExit as end:
@@ -322,3 +326,12 @@ def test_help_of_every_command(words, said):
 
 def test_version():
     assert CliRunner().invoke(app, ["--version"]).output.strip() == wallid.__version__
+
+
+def test_with_a_window_by_hand_its_own_fit_decides():
+    """A design that finds nothing at the prior does not overrule the fit of a window that was named."""
+    case = wallid.load("saint_julien")
+    fit = wallid.estimate(case, wallid.Window(168, 72), wallid.large_model(case))
+    hopeless = replace(wallid.design(case), information=np.zeros((1, 109)))
+    assert Run(case, design=hopeless).unreliable
+    assert not Run(case, design=hopeless, fit=fit).unreliable

@@ -38,7 +38,7 @@ Model = Annotated[
 Integrator = Annotated[
     Literal["propagator", "diffrax"],
     typer.Option(
-        "--integrator", help="How the estimate steps through the rows: a fast scan, or diffrax; the same numbers."
+        "--integrator", help="How every stage steps through the rows: a fast scan, or diffrax; the same numbers."
     ),
 ]
 Weights = Annotated[
@@ -123,13 +123,10 @@ def estimate(
     _go(case, model, ("design", "learn", "estimate"), out, json, quiet, integrator=integrator, from_row=from_row)
 
 
-_ALL = ("design", "learn", "estimate", "reliability", "lengths")
-
-
 def _everything(
     case: str, model: str | None, weights: str, integrator: str, orders: str, out: Path, json: bool, quiet: bool
 ) -> None:
-    _go(case, model, _ALL, out, json, quiet, orders=orders, weights=weights, integrator=integrator)
+    _go(case, model, workflow.STAGES, out, json, quiet, orders=orders, weights=weights, integrator=integrator)
 
 
 def _go(

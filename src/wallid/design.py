@@ -37,6 +37,7 @@ from .experiment import (
     window_rows,
 )
 from .record import Record
+from .sensitivity import profile_response
 from .simulate import Integrator, run_rows
 from .statespace import StateSpace
 from .wall import InputError
@@ -200,10 +201,9 @@ def _offset_columns(
 ) -> Float[Array, "time sensor offset"]:
     """What one kelvin of each estimated offset makes of the predicted readings, K."""
     places = np.asarray(data.offsets)
-    still = jnp.zeros((rows, data.inputs.shape[1]))
 
     def column(place: Array) -> Array:
-        u, _ = run_rows(system, fo, data.step, still, -per_offset[:, place], integrator=integrator)
+        u = profile_response(system, fo, data.step, rows, -per_offset[:, place], integrator=integrator)
         return data.temperature * u + jax.nn.one_hot(place, u.shape[1])
 
     return jnp.moveaxis(jax.vmap(column)(jnp.asarray(places)), 0, -1)

@@ -202,8 +202,7 @@ class _Problem(eqx.Module):
         if self.explicit_theta:
             u = field_with_theta(fourier, initial, self.system, self.data, self.integrator)
         else:
-            started = eqx.tree_at(lambda data: data.initial, self.data, initial)
-            u = run(self.system, fourier, started, integrator=self.integrator)[0]
+            u = run(self.system, fourier, self.data.starting_from(initial), integrator=self.integrator)[0]
         return self.data.celsius(u) + offset
 
     def residual(self, y: Float[Array, " param"]) -> Float[Array, " reading"]:

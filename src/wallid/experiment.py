@@ -79,6 +79,10 @@ class Experiment(eqx.Module):
         """Dimensionless temperatures in degC."""
         return self.temperature_min + self.temperature * u
 
+    def starting_from(self, initial: Float[Array, " param"]) -> Experiment:
+        """The same window from another initial profile."""
+        return eqx.tree_at(lambda data: data.initial, self, initial)
+
     @property
     def time(self) -> Float[Array, " time"]:
         """The rows' times in t_ref, from the window's start."""

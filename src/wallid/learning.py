@@ -40,7 +40,8 @@ def learn(
     lom, signals = large_model(case), learning_signals(case, window)
     if order == "auto":
         noise = min(sensor.noise_std for sensor in case.sensors)
-        return choose_order(lom, signals, tolerance=0.1 * noise / scales(case).temperature, on_try=on_try)
+        tolerance = 0.1 * noise / scales(case).temperature
+        return choose_order(lom, signals, tolerance=tolerance, tied=tied, integrator=integrator, on_try=on_try)
     return learn_system(lom, order, signals, tied=tied, integrator=integrator)
 
 

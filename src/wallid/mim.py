@@ -152,10 +152,17 @@ def learn_system(
     )
 
 
-def sweep_orders(lom: StateSpace, orders: Sequence[int], signals: Signals, *, tied: bool = True) -> Iterator[Learned]:
+def sweep_orders(
+    lom: StateSpace,
+    orders: Sequence[int],
+    signals: Signals,
+    *,
+    tied: bool = True,
+    integrator: Integrator = "propagator",
+) -> Iterator[Learned]:
     """Learn each order in turn: the paper's figures of error against order, one at a time."""
     for order in orders:
-        yield learn_system(lom, order, signals, tied=tied)
+        yield learn_system(lom, order, signals, tied=tied, integrator=integrator)
 
 
 def choose_order(
@@ -165,6 +172,8 @@ def choose_order(
     tolerance: float,
     sensitivity_tolerance: float = 0.01,
     orders: Sequence[int] = (2, 4, 6, 8, 10, 12, 15, 20, 25, 30),
+    tied: bool = True,
+    integrator: Integrator = "propagator",
     on_try: Callable[[Learned], None] = lambda learned: None,
 ) -> Learned:
     """The smallest order whose errors do not matter, or the best one tried.
@@ -173,14 +182,13 @@ def choose_order(
         tolerance: largest error of u over the learning signals, dimensionless; a tenth of the
             smallest noise is a good one.
         sensitivity_tolerance: largest error of theta over the largest theta.
+        tied, integrator: as in `learn_system`.
         on_try: told of each order, for a progress display.
     """
-    largest = float(jnp.max(jnp.abs(_reference(lom.modal(), signals, "propagator")[1])))
+    largest = float(jnp.max(jnp.abs(_reference(lom.modal(), signals, integrator)[1])))
     best: Learned | None = None
-    for order in orders:
-        if order > lom.order:
-            break
-        learned = learn_system(lom, order, signals)
+    within = [order for order in orders if order <= lom.order]
+    for learned in sweep_orders(lom, within, signals, tied=tied, integrator=integrator):
         on_try(learned)
         if best is None or learned.eps_inf[0] < best.eps_inf[0]:
             best = learned

@@ -19,6 +19,7 @@ from .simulate import simulate
 from .statespace import StateSpace
 
 _LOAD_STEPS = (0.8, 0.9, 1.0, 1.1, 1.2)  # of the diffusivity, as in the paper's figure
+_AT_ESTIMATE = _LOAD_STEPS.index(1.0)
 
 
 @dataclass(frozen=True)
@@ -39,10 +40,14 @@ class Loads:
     conductivity: float
 
     @property
+    def at_estimate(self) -> float:
+        """E at the estimated diffusivity, J/m2."""
+        return float(self.energy[_AT_ESTIMATE])
+
+    @property
     def change(self) -> np.ndarray:
         """E over its value at the estimate, minus one."""
-        at_estimate = self.energy[np.argmin(np.abs(self.factors - 1.0))]
-        return self.energy / at_estimate - 1.0
+        return self.energy / self.at_estimate - 1.0
 
 
 @dataclass(frozen=True)
@@ -76,20 +81,23 @@ class Reliability:
         """Measured minus predicted with the prior, K; NaN where missing."""
         return self.measured - self.prior
 
+    def sizes(self, sensor: int) -> tuple[float, float, float]:
+        """Root mean squares of a sensor: residual with the prior, with the estimate, and sigma, K."""
+        measured = self.measured[:, sensor]
+        before, after = (eps_2(measured, model[:, sensor]) for model in (self.prior, self.predicted))
+        return before, after, float(np.sqrt(np.mean(self.sigma[:, sensor] ** 2)))
+
     def __str__(self) -> str:
         lines = ["whole record   rms residual, K     prior  estimate   sigma (noise and position)"]
         for s, name in enumerate(self.names):
-            before = eps_2(self.measured[:, s], self.prior[:, s])
-            after = eps_2(self.measured[:, s], self.predicted[:, s])
-            sigma = np.sqrt(np.mean(self.sigma[:, s] ** 2))
+            before, after, sigma = self.sizes(s)
             lines.append(f"  {name:<29} {before:8.3f}  {after:8.3f}  {sigma:8.3f}")
         if self.loads is None:
             lines.append("heat loads     need a conductivity: put `conductivity` (W/m/K) in [wall]")
         else:
-            energy = self.loads.energy[np.argmin(np.abs(self.loads.factors - 1.0))]
             low, high = self.loads.change[0], self.loads.change[-1]
             lines.append(
-                f"heat loads     E = {energy / 3.6e6:+.2f} kWh/m2 through the inner face; "
+                f"heat loads     E = {self.loads.at_estimate / 3.6e6:+.2f} kWh/m2 through the inner face; "
                 f"{low:+.1%} to {high:+.1%} for -20 % to +20 % of the diffusivity"
             )
         return "\n".join(lines)
@@ -121,7 +129,6 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
     extra = large.select(list(range(sensors, 2 * sensors + 1)))
     slopes = np.asarray(_predict(extra, jnp.asarray(scale.fourier(fit.value * factors)), data))
     slopes = slopes * scale.temperature / case.wall.length
-    at_estimate = int(np.argmin(np.abs(factors - 1.0)))
     return Reliability(
         days=np.asarray(case.record.time) / 86400.0,
         names=tuple(sensor.name for sensor in case.sensors),
@@ -130,7 +137,7 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
         predicted=predicted + offsets,
         sigma=paper_sigma(
             np.array([sensor.noise_std for sensor in case.sensors]),
-            slopes[at_estimate, :, :-1],
+            slopes[_AT_ESTIMATE, :, :-1],
             np.array([sensor.position_std for sensor in case.sensors]),
         ),
         profile_eps_2=fit_profile(case, 0).eps_2,
@@ -153,7 +160,7 @@ def _loads(case: Case, factors: np.ndarray, slope: np.ndarray) -> Loads | None:
     energy = np.asarray(np.trapezoid(flux[:, 1:], dx=case.record.step, axis=1))
     flux[:, 0] = np.nan
     return Loads(
-        flux=flux[np.argmin(np.abs(factors - 1.0))],
+        flux=flux[_AT_ESTIMATE],
         factors=factors,
         energy=energy,
         conductivity=conductivity,

@@ -90,11 +90,7 @@ def _reliability(run: Run) -> dict[str, Any]:
     found = run.reliability
     assert found is not None
     per_sensor = {
-        name: {
-            "rms_prior_K": np.sqrt(np.nanmean(found.residual_prior[:, s] ** 2)),
-            "rms_K": np.sqrt(np.nanmean(found.residual[:, s] ** 2)),
-            "sigma_K": np.sqrt(np.mean(found.sigma[:, s] ** 2)),
-        }
+        name: dict(zip(("rms_prior_K", "rms_K", "sigma_K"), found.sizes(s), strict=True))
         for s, name in enumerate(found.names)
     }
     loads = None

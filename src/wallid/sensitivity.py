@@ -40,14 +40,15 @@ def run(
 def profile_response(
     system: StateSpace,
     fourier: ScalarLike,
-    experiment: Experiment,
+    step: ScalarLike,
+    rows: int,
     initial: Float[Array, " param"],
     *,
     integrator: Integrator = "propagator",
 ) -> Outputs:
     """What an addition to the initial profile alone makes of u: the faces add nothing."""
-    still = eqx.tree_at(lambda e: (e.inputs, e.initial), experiment, (jnp.zeros_like(experiment.inputs), initial))
-    return run(system, fourier, still, integrator=integrator)[0]
+    still = jnp.zeros((rows, system.B.shape[1]))
+    return run_rows(system, fourier, step, still, initial, integrator=integrator)[0]
 
 
 def explicit(
@@ -81,18 +82,18 @@ def field_with_theta(
 
     For solvers that ask autodiff for a Jacobian. In the initial profile u is linear.
     """
-    started = eqx.tree_at(lambda e: e.initial, experiment, initial)
-    return run(system, fourier, started, integrator=integrator)[0]
+    return run(system, fourier, experiment.starting_from(initial), integrator=integrator)[0]
 
 
 @field_with_theta.def_jvp
 def _field_jvp(primals, tangents):
     fourier, initial, system, experiment, integrator = primals
-    started = eqx.tree_at(lambda e: e.initial, experiment, initial)
-    u, theta = explicit(system, fourier, started, integrator=integrator)
+    u, theta = explicit(system, fourier, experiment.starting_from(initial), integrator=integrator)
     change = jnp.zeros_like(u)
     if tangents[0] is not None:
         change = change + theta * tangents[0]
     if tangents[1] is not None:
-        change = change + profile_response(system, fourier, experiment, tangents[1], integrator=integrator)
+        change = change + profile_response(
+            system, fourier, experiment.step, u.shape[0], tangents[1], integrator=integrator
+        )
     return u, change

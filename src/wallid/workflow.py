@@ -23,6 +23,8 @@ from .wall import InputError
 Progress = Callable[[str, float], None]
 """Told the stage now beginning, and the share of the work done before it, 0 to 1."""
 
+STAGES = ("design", "learn", "estimate", "reliability", "lengths")
+
 _DAYS = (1.0, 2.0, 3.0, 5.0, 10.0)  # of the compromise figure
 _MOST_ROWS = 20_000  # past this, one length of the compromise costs seconds: not part of a run
 
@@ -56,9 +58,9 @@ class Run:
     @property
     def unreliable(self) -> str:
         """Why there is no number to rely on; empty where there is one, or none was asked for."""
-        if self.design is not None and not self.design.informative:
-            return str(self.design)
-        return self.fit.reason if self.fit is not None else ""
+        if self.fit is not None:
+            return self.fit.reason
+        return str(self.design) if self.design is not None and not self.design.informative else ""
 
     def __str__(self) -> str:
         parts = [self.case, self.design, self.lengths, self.learned, self.fit, self.reliability]
@@ -68,7 +70,7 @@ class Run:
 def run(
     case: Case,
     *,
-    stages: Sequence[str] = ("design", "lengths", "learn", "estimate", "reliability"),
+    stages: Sequence[str] = STAGES,
     window: Window | None = None,
     orders: Sequence[int] = (),
     weights: Literal["noise", "none"] = "noise",
@@ -114,7 +116,7 @@ def run(
         if orders:
             with done.timed("orders"):
                 large, signals = large_model(case), learning_signals(case, window)
-                done.orders = list(sweep_orders(large, orders, signals))
+                done.orders = list(sweep_orders(large, orders, signals, integrator=integrator))
         model = done.learned.system
     else:
         model = large_model(case)
