@@ -15,6 +15,7 @@ from importlib.metadata import version as _version
 from .case import Case, load, packaged
 from .design import Design, Lengths, design, lengths
 from .estimate import Estimate, estimate, seconds_of_estimate
+from .discrepancy import Explanation, explain
 from .experiment import Experiment, Window, experiment, fit_profile, large_model, scales
 from .exponential import Exponential
 from .learning import learn, learning_signals
@@ -42,6 +43,7 @@ __all__ = [
     "Design",
     "Estimate",
     "Experiment",
+    "Explanation",
     "Exponential",
     "InputError",
     "Layer",
@@ -62,6 +64,7 @@ __all__ = [
     "design",
     "estimate",
     "experiment",
+    "explain",
     "explicit",
     "fit_profile",
     "large_model",

@@ -10,6 +10,7 @@ mesh. (Hochbruck and Ostermann, Acta Numerica 19, 2010, Section 2.1.)
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any, ClassVar
@@ -28,30 +29,25 @@ _MAX_SQUARINGS = 48  # expm gives NaN past it; 2^48 is more than any mesh times 
 State = tuple[Float[Array, " node"], Float[Array, " node"] | None]
 
 
-def phi_functions(z: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], ...]:
-    """`e^z, phi_1(z), phi_2(z), phi_3(z)` elementwise, accurate to round-off for every real z.
+def phi_functions(z: Float[Array, "*shape"], most: int = 3) -> tuple[Float[Array, "*shape"], ...]:
+    """`e^z, phi_1(z), ... phi_most(z)` elementwise, accurate to round-off for every real z <= 0.
 
-    Below `|z| = 1` from the series of phi_3 downward (no cancellation), above by the recurrence.
+    Below `|z| = 1` from the series of the last one downward (no cancellation), above by the recurrence.
     Source: Hochbruck and Ostermann (2010), Section 2.1.
     """
     small = jnp.abs(z) < 1.0
     z_small = jnp.where(small, z, 0.0)
-    coefficients = []
-    factorial = 6.0
-    for k in range(_SERIES_TERMS):
-        coefficients.append(1.0 / factorial)
-        factorial *= k + 4
-    phi_3 = jnp.zeros_like(z)
-    for coefficient in reversed(coefficients):
-        phi_3 = coefficient + z_small * phi_3
-    phi_2 = 0.5 + z_small * phi_3
-    phi_1 = 1.0 + z_small * phi_2
+    last = jnp.zeros_like(z)
+    for k in reversed(range(_SERIES_TERMS)):
+        last = 1.0 / math.factorial(most + k) + z_small * last
+    near = [last]
+    for k in reversed(range(1, most)):
+        near.insert(0, 1.0 / math.factorial(k) + z_small * near[0])
     z_large = jnp.where(small, 1.0, z)
-    large_1 = jnp.expm1(z_large) / z_large
-    large_2 = (large_1 - 1.0) / z_large
-    large_3 = (large_2 - 0.5) / z_large
-    pick = partial(jnp.where, small)
-    return jnp.exp(z), pick(phi_1, large_1), pick(phi_2, large_2), pick(phi_3, large_3)
+    far = [jnp.expm1(z_large) / z_large]
+    for k in range(1, most):
+        far.append((far[-1] - 1.0 / math.factorial(k)) / z_large)
+    return jnp.exp(z), *(jnp.where(small, *pair) for pair in zip(near, far, strict=True))
 
 
 class StepMap(eqx.Module):

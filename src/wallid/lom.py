@@ -82,13 +82,9 @@ def lom(wall: Wall, outputs: Sequence[Output], *, nodes: int = 101, profile_degr
         ValueError: too few nodes, or an output outside the wall.
     """
     require_x64()
-    places = grid(wall, nodes)
-    edges, k, c = _relative_profile(wall)
-    cumulative_resistance = np.concatenate([[0.0], np.cumsum(np.diff(edges) / k)])
-    cumulative_capacity = np.concatenate([[0.0], np.cumsum(np.diff(edges) * c)])
-    middles = 0.5 * (places[1:] + places[:-1])
-    conductance = 1.0 / np.diff(np.interp(places, edges, cumulative_resistance))
-    capacity = np.diff(np.interp(middles, edges, cumulative_capacity))
+    places, resistance, cell_capacity = wall_cells(wall, nodes)
+    conductance, capacity = 1.0 / resistance, cell_capacity[1:-1]
+    edges, k, _ = _relative_profile(wall)
     coupling = -np.diag(conductance[:-1] + conductance[1:])
     coupling += np.diag(conductance[1:-1], 1) + np.diag(conductance[1:-1], -1)
     B = np.zeros((nodes - 2, 2))
@@ -103,6 +99,20 @@ def lom(wall: Wall, outputs: Sequence[Output], *, nodes: int = 101, profile_degr
         capacity=jnp.asarray(capacity),
         output_names=tuple(output.name for output in outputs),
     )
+
+
+def wall_cells(wall: Wall, nodes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places of all nodes, resistances between them, capacities of their cells; sums over a wall are 1.
+
+    Each is an integral over its cell, so joints of layers may lie anywhere; the two faces have half cells.
+    """
+    places = grid(wall, nodes)
+    edges, k, c = _relative_profile(wall)
+    cumulative_resistance = np.concatenate([[0.0], np.cumsum(np.diff(edges) / k)])
+    cumulative_capacity = np.concatenate([[0.0], np.cumsum(np.diff(edges) * c)])
+    bounds = np.concatenate([[0.0], 0.5 * (places[1:] + places[:-1]), [1.0]])
+    resistance = np.diff(np.interp(places, edges, cumulative_resistance))
+    return places, resistance, np.diff(np.interp(bounds, edges, cumulative_capacity))
 
 
 def _relative_profile(wall: Wall) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

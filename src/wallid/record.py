@@ -131,6 +131,14 @@ class Record:
         stamp = stamp + beyond * np.timedelta64(round(self.step * 1e9), "ns") + half_second
         return f"{np.datetime_as_string(stamp, unit='s')}{self.zone or ''}"
 
+    def stamp_at(self, seconds: float) -> str | float:
+        """A moment between rows in the record's own format, given in s since the first row."""
+        first = self.stamps[0]
+        if not isinstance(first, np.datetime64):
+            return float(first) + seconds
+        moment = first + np.timedelta64(round(seconds * 1e9), "ns") + np.timedelta64(500_000_000, "ns")
+        return f"{np.datetime_as_string(moment, unit='s')}{self.zone or ''}"
+
     def summary(self) -> str:
         """A few lines: span, step, rows, missing values, range of each face."""
         low, high = self.faces.min(axis=0), self.faces.max(axis=0)

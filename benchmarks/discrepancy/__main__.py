@@ -1,0 +1,4 @@
+from .score import main
+
+if __name__ == "__main__":
+    main()

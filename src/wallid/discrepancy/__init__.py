@@ -1,0 +1,6 @@
+"""Where a model and its record part, which effect is missing, and how far the gap shrinks with it in."""
+
+from .explain import explain
+from .explanation import Explanation, Named, Trial
+
+__all__ = ["Explanation", "Named", "Trial", "explain"]

@@ -1,0 +1,124 @@
+"""Compare: how far the gap shrank, on days that were not used too, and whether a size is the same at all times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from .extend import Fit, refit, whiten_part
+from .study import Slot, Study
+
+_DAY = 86400.0
+_BLOCKS = 9  # a third of them is held out
+_WINDOWS = 4
+_OTHERS = 2.0  # how far what else is free may go in one window, in its standard deviations of the whole record
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Root mean squares of measured minus predicted, K.
+
+    Arguments:
+        before, after: of all rows used, by the plain and by the extended model.
+        floor: what the noise alone would leave.
+        held_out_before, held_out_after: of the rows held out, predicted with parameters found without them;
+            None where the record is too short to hold a day out.
+    """
+
+    before: float
+    after: float
+    floor: float
+    held_out_before: float | None
+    held_out_after: float | None
+
+    @property
+    def left(self) -> float | None:
+        """The share of the held-out excess over the floor that is left; None where there was none."""
+        if self.held_out_before is None or self.held_out_after is None:
+            return None
+        before, after = (max(gap**2 - self.floor**2, 0.0) ** 0.5 for gap in (self.held_out_before, self.held_out_after))
+        return after / before if before > 0 else None
+
+
+def compare(before: Fit, after: Fit) -> Gap:
+    """The gap of two models, on all rows and on days held out."""
+    held = held_out(after.study)
+    outside = [None, None] if held is None else [_gap_outside(fit, held) for fit in (before, after)]
+    if after is before:
+        outside[1] = outside[0]
+    return Gap(before.gap, after.gap, after.noise.floor, outside[0], outside[1])
+
+
+def held_out(study: Study) -> np.ndarray | None:
+    """Which rows are held out: every third block of whole days; None where the record has under three days."""
+    days = (study.record.time // _DAY).astype(int)
+    if study.record.duration < 3 * _DAY:
+        return None
+    block = days // max(1, (days[-1] + 1) // _BLOCKS)
+    return block % 3 == 1
+
+
+def _gap_outside(fit: Fit, held: np.ndarray) -> float:
+    """Root mean square on the rows held out, with parameters found without them, K."""
+    study = fit.study
+    trained = refit(study, fit.active, fit.theta, fit.noise, used=~_bins_with(study, held))
+    rest = trained.remainder[held]
+    return float(np.sqrt(np.nanmean(rest**2)))
+
+
+def _bins_with(study: Study, rows: np.ndarray) -> np.ndarray:
+    """Which binned readings hold any of these rows."""
+    size = study.bins.rows
+    padded = np.pad(rows, (0, -len(rows) % size)).reshape(-1, size).any(axis=1)
+    return np.tile(padded, study.sensors)
+
+
+@dataclass(frozen=True)
+class Windows:
+    """An effect's size, window by window.
+
+    Arguments:
+        days: the middle of each window, from the record's start.
+        size, std: in the effect's unit. p_value: of all being the same.
+    """
+
+    days: np.ndarray
+    size: np.ndarray
+    std: np.ndarray
+    p_value: float
+
+
+def windows(fit: Fit, slot: Slot) -> Windows:
+    """The size of an effect found in each quarter of the record.
+
+    To first order about the fit; what else is free may go twice its uncertainty from where the whole
+    record puts it.
+    """
+    study, noise = fit.study, fit.noise
+    place = fit.free.index(slot.first)
+    readings = len(noise.whiten)
+    bins = readings // study.sensors
+    J = np.linalg.solve(noise.whiten, fit.jacobian[:readings])
+    r = np.linalg.solve(noise.whiten, fit.residual[:readings])
+    prior = 1.0 / (_OTHERS * np.sqrt(np.diag(fit.covariance)))
+    prior[place] = 0.0
+    edges = np.linspace(0, bins, _WINDOWS + 1).astype(int)
+    sizes, stds = [], []
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        used = np.tile((np.arange(bins) >= first) & (np.arange(bins) < last), study.sensors)
+        chosen = np.flatnonzero(used)
+        W = whiten_part(noise, used)[np.ix_(chosen, chosen)]
+        system = np.concatenate([W @ J[chosen], np.diag(prior)])
+        right = np.concatenate([W @ r[chosen], np.zeros(len(prior))])
+        scale = np.maximum(np.linalg.norm(system, axis=0), 1e-300)
+        inverse = np.linalg.pinv(system / scale, rcond=1e-12)
+        sizes.append(fit.theta[slot.first] + (inverse @ right)[place] / scale[place])
+        stds.append(np.linalg.norm(inverse[place]) / scale[place])
+    size, std = np.array(sizes), np.array(stds)
+    weight = 1.0 / std**2
+    mean = (weight @ size) / weight.sum()
+    p = float(chi2.sf((weight * (size - mean) ** 2).sum(), _WINDOWS - 1))
+    days = 0.5 * (edges[1:] + edges[:-1]) * study.bins.rows * study.record.step / _DAY
+    return Windows(days, size, std, p)

@@ -1,0 +1,294 @@
+"""Locate, rank, extend, compare: repeated until nothing more is worth adding."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from ..case import Case
+from .compare import compare, windows
+from .explanation import Explanation, Named, Trial
+from .extend import Fit, refit
+from .locate import locate
+from .noise import NoiseModel, estimate_noise
+from .rank import Outlook, Screen, look, screen
+from .study import Slot, Study, study
+
+FIRST = 0.03
+"""How often, over the whole library, chance may make a first effect."""
+FURTHER = 0.01
+"""How often chance may make a further one, or a pair where no single effect stands out."""
+RIVAL = 9.0
+"""Models within this of the best in `-2 log L` cannot be told from it."""
+SAME = 1e-4
+"""How often chance may make the sizes of four windows differ."""
+_MOST_EFFECTS = 3
+_SINGLES, _PAIRS, _RIVALS = 5, 3, 4
+_NEAR = 0.35  # how far a rival's expected gain may fall short, relative, to be worth a refit
+_ROUNDS = 4
+
+Progress = Callable[[str, float], None]
+
+
+def explain(case: Case, *, progress: Progress = lambda stage, share: None) -> Explanation:
+    """What the plain model misses in a case's record: which effect, how large, how much of the gap it closes.
+
+    Arguments:
+        progress: told the stage now beginning, and the share of the work done before it.
+
+    Returns:
+        One record from which every table and figure derives.
+
+    Raises:
+        InputError: a case without an inner sensor, or without a reading.
+        RuntimeError: 64-bit floats are switched off.
+    """
+    progress("diagnose: the plain model", 0.0)
+    search = _Search(study(case))
+    plain = search.plain()
+    progress("diagnose: locate what it leaves", 0.3)
+    left = locate(plain)
+    progress("diagnose: rank every effect and pair", 0.35)
+    first = search.screen(plain)
+    chosen = search.first(plain, first, lambda share: progress("diagnose: extend and fit again", 0.4 + 0.2 * share))
+    best = search.further(chosen, lambda share: progress("diagnose: what is left to add", 0.6 + 0.2 * share))
+    progress("diagnose: rivals", 0.8)
+    effects = search.named(best)
+    progress("diagnose: compare on days held out", 0.9)
+    if best.active:  # both under the noise that the better model shows
+        plain = refit(search.study, (), plain.theta, best.noise)
+    gap = compare(plain, best)
+    after = locate(best)
+    progress("done", 1.0)
+    return Explanation(
+        study=search.study,
+        before=plain,
+        after=best,
+        effects=effects,
+        screen=first,
+        trials=tuple(search.trials),
+        gap=gap,
+        left_before=left,
+        left_after=after,
+        rivals=tuple(search.rivals),
+    )
+
+
+class _Search:
+    """The search in one record, and what it has tried."""
+
+    def __init__(self, study: Study):
+        self.study = study
+        self.random = np.random.default_rng(study.case.choices.seed)
+        self.trials: list[Trial] = []
+        self.rivals: list[Fit] = []
+        self._outlooks: dict[frozenset[Slot], Outlook] = {}
+
+    def plain(self) -> Fit:
+        """The plain model, under the noise that it shows beside the whole library."""
+        study = self.study
+        stated = NoiseModel(study, study.neutral).noise(1.0, 0.0, 0.8)
+        return self.settle(refit(study, (), study.neutral, stated))
+
+    def settle(self, fit: Fit) -> Fit:
+        """The same model under the noise that it shows beside every direction of the library."""
+        study = self.study
+        readings = len(fit.noise.whiten)
+        free = np.linalg.solve(fit.noise.whiten, fit.jacobian[:readings]).T
+        gap = np.linalg.solve(fit.noise.whiten, fit.residual[:readings])
+        directions = np.concatenate([self.look(fit).columns, free])
+        noise = estimate_noise(NoiseModel(study, fit.theta), gap, directions)
+        return refit(study, fit.active, fit.theta, noise)
+
+    def screen(self, fit: Fit) -> Screen:
+        """The whole library beside a fit."""
+        return screen(fit, self.look(fit), self.random)
+
+    def look(self, fit: Fit) -> Outlook:
+        """The library's derivatives, made once for a set of effects: they hardly change from fit to fit."""
+        effects = frozenset(fit.active)
+        if effects not in self._outlooks:
+            self._outlooks[effects] = look(self.study, fit)
+        return self._outlooks[effects]
+
+    def add(self, screened: Screen, chosen: tuple[int, ...]) -> Fit:
+        """The base of a screen with some of its candidates in, fitted from the linear prediction."""
+        base, study = screened.base, self.study
+        theta = base.theta.copy()
+        for k in chosen:
+            where = screened.candidates[k].where
+            theta[list(where)] = list(where.values())
+        active = (*base.active, *(screened.candidates[k].slot for k in chosen))
+        size, move = screened.prediction(chosen)
+        step = dict.fromkeys(study.free(active), 0.0)
+        step |= {i: m for i, m in zip(base.free, move, strict=True) if i in step}
+        for k, value in zip(chosen, size, strict=True):
+            step[screened.candidates[k].slot.first] = value
+        made = refit(study, active, theta, base.noise, step=np.array(list(step.values())))
+        self.trials.append(Trial(base, made, float(_joint_gain(screened, chosen))))
+        return made
+
+    def first(self, plain: Fit, ranked: Screen, tell: Callable[[float], None]) -> Fit:
+        """The plain model, or the best of a few single effects and pairs."""
+        singles, pairs = ranked.best(_SINGLES), ranked.best_pairs(_PAIRS)
+        top = ranked.gain[singles[0]] if singles else 0.0
+        single_stands = bool(singles) and ranked.p_value(top) <= FIRST
+        pair_stands = bool(pairs) and ranked.pair_gain[pairs[0]] > max(
+            ranked.pair_threshold(FURTHER), top + ranked.threshold(FURTHER)
+        )
+        if not single_stands and not pair_stands:
+            return plain
+        likely = [k for k in singles if ranked.gain[k] >= (1 - _NEAR) * top - RIVAL] if single_stands else []
+        double = [pair for pair in pairs if ranked.pair_gain[pair] > top + ranked.threshold(FURTHER)]
+        tries = [(k,) for k in likely] + (double if pair_stands else [])
+        made = []
+        for count, chosen in enumerate(tries):
+            tell(count / len(tries))
+            made.append(self.add(ranked, chosen))
+        threshold = {1: ranked.threshold(FIRST), 2: ranked.threshold(FIRST) + ranked.threshold(FURTHER)}
+        return self._best(plain, made, threshold)
+
+    def _best(self, base: Fit, made: Iterable[Fit], threshold: dict[int, float]) -> Fit:
+        """The best acceptable fit by its cost and a penalty for each effect, or the base."""
+
+        def penalised(fit: Fit) -> float:
+            return fit.cost + threshold.get(len(fit.active) - len(base.active), 0.0)
+
+        good = [fit for fit in made if self._acceptable(fit)]
+        return min([base, *good], key=penalised)
+
+    def _acceptable(self, fit: Fit) -> bool:
+        """Inside its bounds, and each effect of a size worth reporting or one that moves the diffusivity."""
+        reason = refusal(fit)
+        for trial in self.trials:
+            if trial.fit is fit:
+                trial.reason = reason
+        return not reason
+
+    def further(self, fit: Fit, tell: Callable[[float], None]) -> Fit:
+        """More effects beside those found, swaps and drops, until nothing more is worth it."""
+        if not fit.active:
+            return fit
+        fit = self.settle(fit)
+        for count in range(_ROUNDS):
+            tell(count / _ROUNDS)
+            better = self._swap(fit)
+            better = self._grow(better) if len(better.active) < _MOST_EFFECTS else better
+            better = self._drop(better)
+            if set(better.active) == set(fit.active):
+                return better
+            fit = self.settle(better)
+        return fit
+
+    def _grow(self, fit: Fit) -> Fit:
+        ranked = self.screen(fit)
+        tops = ranked.best(2)
+        threshold = ranked.threshold(FURTHER)
+        made = [self.add(ranked, (k,)) for k in tops if ranked.gain[k] > threshold]
+        return self._best(fit, made, {1: threshold})
+
+    def _drop(self, fit: Fit) -> Fit:
+        """Without an effect that the others have made needless."""
+        if len(fit.active) < 2:
+            return fit
+        for slot in fit.active:
+            less = refit(self.study, _without(fit.active, slot), fit.theta * _keep(fit, slot), fit.noise)
+            if less.cost - fit.cost < self.screen(less).threshold(FURTHER) and self._acceptable(less):
+                return less
+        return fit
+
+    def _swap(self, fit: Fit) -> Fit:
+        """The best model with one of the effects exchanged, if it is better; what comes close is kept as a rival."""
+        best = fit
+        self.rivals = []
+        for slot in fit.active:
+            base = refit(self.study, _without(fit.active, slot), fit.theta * _keep(fit, slot), fit.noise)
+            ranked = self.screen(base)
+            gain = base.cost - fit.cost
+            likely = [
+                k
+                for k in ranked.best(_RIVALS + 1)
+                if not _same(ranked.candidates[k].slot, slot) and ranked.gain[k] >= (1 - _NEAR) * gain - RIVAL
+            ]
+            for k in likely[:_RIVALS]:
+                made = self.add(ranked, (k,))
+                self.rivals.append(made)
+                if made.cost < best.cost and self._acceptable(made):
+                    best = made
+        return best
+
+    def named(self, fit: Fit) -> tuple[Named, ...]:
+        """Each effect with its sizes, what it explains, and who else could."""
+        found = []
+        for slot in fit.active:
+            base = refit(self.study, _without(fit.active, slot), fit.theta * _keep(fit, slot), fit.noise)
+            ranked = self.screen(base)
+            places = ranked.groups.get(slot)
+            gain = base.cost - fit.cost
+            expected = float(ranked.gain[places].max()) if places is not None else float("nan")
+            rest = _without(fit.active, slot)
+            rivals = [
+                other
+                for other in self.rivals
+                if other.cost - fit.cost < RIVAL and set(rest) < set(other.active) and not refusal(other)
+            ]
+            found.append(
+                Named(
+                    slot,
+                    {p.name: (float(fit.theta[i]), fit.std(i)) for p, i in zip(slot.effect.parameters, slot.indices, strict=True)},
+                    expected,
+                    gain,
+                    ranked.p_value(gain),
+                    tuple(next(s for s in other.active if s not in rest) for other in rivals),
+                    windows(fit, slot),
+                )
+            )
+        return tuple(sorted(found, key=lambda named: -named.gain))
+
+
+def refusal(fit: Fit) -> str:
+    """Why a fit is not acceptable; empty where it is."""
+    study = fit.study
+    if fit.at_bound:
+        return f"{study.label(fit.at_bound[0].effect)} at the bound of its search"
+    if not np.isfinite(fit.cost):
+        return "no finite fit"
+    for slot in fit.active:
+        size = slot.effect.parameters[0]
+        if size.worth is not None and abs(fit.theta[slot.first]) < size.worth and _pull(fit, slot) < 0.5:
+            return f"{study.label(slot.effect)} smaller than {size.worth:g} {size.unit}, and moves nothing"
+    return ""
+
+
+def _pull(fit: Fit, slot: Slot) -> float:
+    """How far an effect moves ln(diffusivity), in its standard deviations without the effect, to first order."""
+    place = fit.free.index(slot.first)
+    covariance = fit.covariance
+    shift = abs(covariance[0, place] / covariance[place, place] * fit.theta[slot.first])
+    alone = max(covariance[0, 0] - covariance[0, place] ** 2 / covariance[place, place], 1e-300)
+    return float(shift / np.sqrt(alone))
+
+
+def _joint_gain(screened: Screen, chosen: tuple[int, ...]) -> float:
+    places = np.array(chosen)
+    score = screened.score[places]
+    return float(score @ np.linalg.lstsq(screened.cosine[np.ix_(places, places)], score, rcond=None)[0])
+
+
+def _without(active: tuple[Slot, ...], slot: Slot) -> tuple[Slot, ...]:
+    return tuple(other for other in active if other is not slot)
+
+
+def _keep(fit: Fit, slot: Slot) -> np.ndarray:
+    """Ones, and a zero at the size of an effect that is taken out."""
+    keep = np.ones(len(fit.theta))
+    keep[slot.first] = 0.0
+    return keep
+
+
+def _same(one: Slot, other: Slot) -> bool:
+    return (one.effect.name, one.effect.target) == (other.effect.name, other.effect.target)
+
+
+__all__ = ["FIRST", "FURTHER", "RIVAL", "SAME", "explain", "refusal"]

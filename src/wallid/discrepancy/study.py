@@ -1,0 +1,422 @@
+"""A case as the search for a missing effect sees it: one vector of parameters, one model, binned readings.
+
+The parameters are the diffusivity, what is free beside it (sine modes of the initial profile, position
+errors and offsets within what the case says of its sensors, each with its prior), and those of every effect of the
+library. An effect is in when its parameters are among those that a fit may move; the others keep their neutral
+values, at which the model is the plain one exactly. So one compiled model serves every combination.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.interpolate import PchipInterpolator
+
+from ..case import Case
+from ..effects import AbstractEffect, Campaign, Search, Terms, library, record_search
+from ..extended import LONGEST_SUBSTEP, first_order, respond
+from ..lom import wall_cells
+from ..record import Record
+from ..statespace import require_x64
+from ..wall import InputError
+
+PROFILE_MODES = 8
+MOST_READINGS = 1500
+"""Rows are put together in bins until there are no more readings than this: their covariance is dense."""
+_NODES = 61
+_CHUNK = 16  # columns of the Jacobian at once
+
+
+class Model(eqx.Module):
+    """The wall with the whole library in, as a function of the one vector of parameters."""
+
+    campaign: Campaign
+    effects: tuple[AbstractEffect, ...]
+    log_prior: Float[Array, ""]
+    sensors: int = eqx.field(static=True)
+    substeps: int = eqx.field(static=True)
+
+    def predict(self, theta: Float[Array, " param"], *, linear: bool) -> Float[Array, "time sensor"]:
+        """The inner sensors' readings, degC; `linear` leaves the effects out that are not."""
+        terms = self.terms(theta, linear=linear)
+        return respond(
+            terms, self.campaign, self.diffusivity(theta), self.profile(theta), linear=linear, substeps=self.substeps
+        )
+
+    def first_order(
+        self, theta: Float[Array, " param"], direction: Float[Array, " param"]
+    ) -> Float[Array, "time sensor"]:
+        """The derivative of the readings along effects that are not linear, at their neutral sizes, K."""
+        terms, change = jax.jvp(lambda t: self.terms(t, linear=False), (theta,), (direction,))
+        return first_order(
+            terms, change, self.campaign, self.diffusivity(theta), self.profile(theta), substeps=self.substeps
+        )
+
+    def diffusivity(self, theta: Float[Array, " param"]) -> Array:
+        """m2/s."""
+        return jnp.exp(self.log_prior + theta[0])
+
+    def profile(self, theta: Float[Array, " param"]) -> Float[Array, " mode"]:
+        """Amplitudes of the initial profile, K."""
+        return theta[1 : 1 + PROFILE_MODES]
+
+    def terms(self, theta: Float[Array, " param"], *, linear: bool) -> Terms:
+        """The wall's terms with every effect at its parameters."""
+        first = 1 + PROFILE_MODES
+        position, offset = theta[first : first + self.sensors], theta[first + self.sensors : first + 2 * self.sensors]
+        terms = Terms.plain(self.campaign).add(position=position, offset=offset)
+        used = first + 2 * self.sensors
+        for effect in self.effects:
+            if effect.linear or not linear:
+                values = {p.name: theta[used + i] for i, p in enumerate(effect.parameters)}
+                terms = effect.at(values).extend(terms, self.campaign)
+            used += len(effect.parameters)
+        return terms
+
+
+class Bins(eqx.Module):
+    """Readings put together over so many rows.
+
+    Arguments:
+        observed: degC, 0 where missing. present: 1 where there is a reading.
+        rows: of a bin.
+    """
+
+    observed: Float[Array, "time sensor"]
+    present: Float[Array, "time sensor"]
+    rows: int = eqx.field(static=True)
+
+    def mean(self, values: Float[Array, "time sensor"]) -> Float[Array, " reading"]:
+        """The mean of the rows present in each bin, sensor by sensor; 0 in an empty one."""
+        count = self._sum(self.present)
+        total = self._sum(values * self.present)
+        return (total / jnp.maximum(count, 1.0)).T.reshape(-1)
+
+    def counts(self) -> Float[Array, "bin sensor"]:
+        """How many rows of each bin have a reading."""
+        return self._sum(self.present)
+
+    def _sum(self, values: Array) -> Array:
+        short = -values.shape[0] % self.rows
+        padded = jnp.pad(values, ((0, short), (0, 0)))
+        return padded.reshape(-1, self.rows, values.shape[1]).sum(axis=1)
+
+
+def columns(
+    model: Model, bins: Bins, theta: np.ndarray, direction: np.ndarray, *, first_order: bool = False
+) -> np.ndarray:
+    """Derivatives of the binned predictions of a linear wall at each theta along each direction.
+
+    Arguments:
+        first_order: for directions along effects that are not linear.
+
+    Returns:
+        `(column, reading)`.
+    """
+    count = len(theta)
+    # whole chunks only, so that nothing is compiled anew for another number of columns
+    padded = [np.concatenate([part, np.repeat(part[-1:], -count % _CHUNK, axis=0)]) for part in (theta, direction)]
+    chunks = [
+        _columns(model, bins, *(jnp.asarray(part[at : at + _CHUNK]) for part in padded), first_order)
+        for at in range(0, len(padded[0]), _CHUNK)
+    ]
+    return np.concatenate([np.asarray(chunk) for chunk in chunks])[:count]
+
+
+@eqx.filter_jit
+def _columns(
+    model: Model,
+    bins: Bins,
+    theta: Float[Array, "column param"],
+    direction: Float[Array, "column param"],
+    first_order: bool,
+) -> Float[Array, "column reading"]:
+    def one(theta: Array, direction: Array) -> Array:
+        if first_order:
+            return bins.mean(model.first_order(theta, direction))
+        return jax.jvp(lambda t: bins.mean(model.predict(t, linear=True)), (theta,), (direction,))[1]
+
+    return jax.vmap(one)(theta, direction)
+
+
+@eqx.filter_jit
+def predict(model: Model, theta: Float[Array, " param"], linear: bool) -> Float[Array, "time sensor"]:
+    """The inner sensors' readings, degC."""
+    return model.predict(theta, linear=linear)
+
+
+def impulses(study: Study, theta: np.ndarray) -> np.ndarray:
+    """What the inner readings make of 1 K more at one row of one face, `(face, row, sensor)`.
+
+    Between its rows a reading's error is taken as a straight line. Effects at the faces (their lag) apply.
+    """
+    return np.asarray(_impulses(study.model, jnp.asarray(theta)))
+
+
+@eqx.filter_jit
+def _impulses(model: Model, theta: Float[Array, " param"]) -> Float[Array, "face time sensor"]:
+    still = jnp.zeros_like(model.campaign.faces)
+
+    def response(side: int) -> Array:
+        # the second row, so that the line up to it is there; what comes before is cut
+        lines = still.at[0, 1, side].set(1.0).at[1, 0, side].set(1.0).at[1, 1, side].set(-1.0)
+
+        def at(size: Array) -> Array:
+            driven = eqx.tree_at(lambda m: m.campaign.faces, model, model.campaign.faces + size * lines)
+            return driven.predict(theta, linear=True)
+
+        return jax.jvp(at, (jnp.zeros(()),), (jnp.ones(()),))[1]
+
+    both = jnp.stack([response(0), response(1)])
+    return jnp.concatenate([both[:, 1:], both[:, -1:]], axis=1)
+
+
+def linearise(
+    model: Model, bins: Bins, theta: np.ndarray, directions: np.ndarray, *, linear: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Binned predictions at one theta and their derivatives, `(reading,)` and `(direction, reading)`."""
+    value, slope = _linearise(model, bins, jnp.asarray(theta), jnp.asarray(directions), linear)
+    return np.asarray(value), np.asarray(slope)
+
+
+@eqx.filter_jit
+def _linearise(
+    model: Model, bins: Bins, theta: Float[Array, " param"], directions: Float[Array, "direction param"], linear: bool
+) -> tuple[Float[Array, " reading"], Float[Array, "direction reading"]]:
+    def along(direction: Array) -> tuple[Array, Array]:
+        return jax.jvp(lambda t: bins.mean(model.predict(t, linear=linear)), (theta,), (direction,))
+
+    return jax.vmap(along, out_axes=(None, 0))(directions)
+
+
+@dataclass(frozen=True, eq=False)
+class Slot:
+    """Where an effect's parameters stand in the vector."""
+
+    effect: AbstractEffect
+    first: int
+
+    @property
+    def indices(self) -> range:
+        """Of all its parameters; the first is the size."""
+        return range(self.first, self.first + len(self.effect.parameters))
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A case prepared for the search.
+
+    Arguments:
+        record: the rows used.
+        model: the wall with the whole library in. bins: the readings.
+        slots: the library, in the vector's order. search: where and when to look.
+    """
+
+    case: Case
+    record: Record
+    model: Model = field(repr=False)
+    bins: Bins = field(repr=False)
+    slots: tuple[Slot, ...] = field(repr=False)
+    search: Search
+
+    @property
+    def sensors(self) -> int:
+        """How many inner sensors."""
+        return self.model.sensors
+
+    @property
+    def size(self) -> int:
+        """The number of parameters in the vector."""
+        return self.slots[-1].indices.stop
+
+    @cached_property
+    def observed(self) -> np.ndarray:
+        """The binned readings, degC; 0 where there is none."""
+        return np.asarray(self.bins.mean(self.bins.observed))
+
+    @cached_property
+    def profile(self) -> range:
+        """Of the initial profile's amplitudes."""
+        return range(1, 1 + PROFILE_MODES)
+
+    @cached_property
+    def positions(self) -> range:
+        """Of the position errors."""
+        return range(self.profile.stop, self.profile.stop + self.sensors)
+
+    @cached_property
+    def offsets(self) -> range:
+        """Of the offsets."""
+        return range(self.positions.stop, self.positions.stop + self.sensors)
+
+    @cached_property
+    def prior_width(self) -> np.ndarray:
+        """Each parameter's prior width; infinite where there is none."""
+        width = np.full(self.size, np.inf)
+        span = max(1.0, self.search.warmest - self.search.coldest)
+        width[self.profile] = span / np.arange(1, PROFILE_MODES + 1)
+        for s, sensor in enumerate(self.case.sensors):
+            width[self.positions[s]] = sensor.position_std
+            width[self.offsets[s]] = sensor.offset_std
+        return width
+
+    @cached_property
+    def scale(self) -> np.ndarray:
+        """A typical size of each parameter."""
+        scale = np.where(np.isfinite(self.prior_width), self.prior_width, 0.1)
+        for slot in self.slots:
+            scale[list(slot.indices)] = [p.scale for p in slot.effect.parameters]
+        return scale
+
+    @cached_property
+    def limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Between which values each parameter is searched."""
+        low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        for slot in self.slots:
+            for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True):
+                low[index], high[index] = slot.effect.bounds(parameter, self.search)
+        return low, high
+
+    @cached_property
+    def neutral(self) -> np.ndarray:
+        """The plain model's parameters at the prior diffusivity; places and times are where the scan begins."""
+        theta = np.zeros(self.size)
+        for slot in self.slots:
+            first = next(iter(slot.effect.scan(self.search)), {})
+            for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True):
+                if not parameter.is_size:
+                    default = float(getattr(slot.effect, parameter.name))
+                    theta[index] = first.get(parameter.name, default)
+        return theta
+
+    def free(self, active: tuple[Slot, ...]) -> list[int]:
+        """What a fit with these effects moves. A sensor's position or offset as an effect replaces the error."""
+        replaced = {(slot.effect.name, slot.effect.target) for slot in active}
+        found = [0, *self.profile]
+        for s, sensor in enumerate(self.case.sensors):
+            if sensor.position_std > 0 and ("sensor_position", s) not in replaced:
+                found.append(self.positions[s])
+            if sensor.offset_std > 0 and ("sensor_offset", s) not in replaced:
+                found.append(self.offsets[s])
+        return [*found, *(index for slot in active for index in slot.indices)]
+
+    @cached_property
+    def most_free(self) -> int:
+        """How many parameters the compiled fit can move: three effects with places fit in."""
+        return len(self.free(())) + 8
+
+    def is_linear(self, active: tuple[Slot, ...]) -> bool:
+        """Whether the wall stays linear and constant in time with these effects."""
+        return all(slot.effect.linear for slot in active)
+
+    def target_name(self, effect: AbstractEffect) -> str | None:
+        """An effect's target as result.json says it."""
+        target = effect.target
+        return self.case.sensors[target].name if isinstance(target, int) else target
+
+    def label(self, effect: AbstractEffect) -> str:
+        """An effect and its target in words."""
+        target = self.target_name(effect)
+        words = effect.name.replace("_", " ")
+        words = f"{words} ({effect.variant})" if effect.variant else words
+        return words if target is None else f"{words} of {target}"
+
+
+def study(case: Case) -> Study:
+    """Prepare a case for the search.
+
+    Raises:
+        InputError: no inner sensor, or no reading in the rows used.
+        RuntimeError: 64-bit floats are switched off.
+    """
+    require_x64()
+    if not case.sensors:
+        raise InputError(
+            f"{case.path}: no [[sensor]]: what is missing shows in a temperature inside the wall; add a sensor"
+        )
+    record = _rows_used(case)
+    present = np.isfinite(record.sensors)
+    if not present.any():
+        raise InputError(f"{case.record.file}: no inner sensor has a reading in the rows used")
+    sensors = len(case.sensors)
+    positions = tuple(sensor.position for sensor in case.sensors)
+    search = record_search(record, positions, case.wall.length)
+    effects = library(sensors, record.regressors)
+    model = Model(
+        campaign=_campaign(case, record),
+        effects=effects,
+        log_prior=jnp.log(jnp.asarray(case.wall.diffusivity_prior)),
+        sensors=sensors,
+        substeps=max(1, int(np.ceil(record.step / LONGEST_SUBSTEP))),
+    )
+    bins = Bins(
+        observed=jnp.asarray(np.where(present, record.sensors, 0.0)),
+        present=jnp.asarray(present, dtype=float),
+        rows=max(1, int(np.ceil(record.rows * sensors / MOST_READINGS))),
+    )
+    slots, first = [], 1 + PROFILE_MODES + 2 * sensors
+    for effect in effects:
+        slots.append(Slot(effect, first))
+        first += len(effect.parameters)
+    return Study(case, record, model, bins, tuple(slots), search)
+
+
+def _rows_used(case: Case) -> Record:
+    days = case.choices.diagnose_days
+    rows = case.record.rows if days is None else case.record.rows_per(days)
+    return case.record.window(0, min(rows, case.record.rows))
+
+
+def _campaign(case: Case, record: Record) -> Campaign:
+    """The record between its rows, and the wall's cells."""
+    rows = np.arange(record.rows)
+
+    def cubic(values: np.ndarray) -> np.ndarray:
+        there = np.isfinite(values)
+        held = np.interp(rows, rows[there], values[there]) if not there.all() else values
+        return PchipInterpolator(rows, held).c[::-1].T  # powers of s, (interval, power)
+
+    zeros = np.zeros(record.rows)
+
+    def logged(key: str) -> np.ndarray:
+        values = record.regressors.get(key)
+        return cubic(zeros if values is None or not np.isfinite(values).any() else values)
+
+    heating = record.regressors.get("heating", zeros)
+    largest = np.nanmax(np.abs(heating)) if np.isfinite(heating).any() else 0.0
+    places, resistance, capacity = (case.wall.length * part for part in wall_cells(case.wall, _NODES))
+    everything = np.concatenate([record.faces.ravel(), record.sensors.ravel()])
+    return Campaign(
+        step=jnp.asarray(record.step),
+        faces=jnp.asarray(np.stack([cubic(record.faces[:, side]) for side in (0, 1)], axis=-1)),
+        irradiance=jnp.asarray(logged("irradiance")),
+        outdoor=jnp.asarray(logged("air_outdoor")),
+        indoor=jnp.asarray(logged("air_indoor")),
+        heating=jnp.asarray(logged("heating") / (largest or 1.0)),
+        hour=jnp.asarray(_hours(record)[:-1]),
+        start_profile=jnp.asarray(record.faces[0]),
+        reference=jnp.asarray(np.nanmean(everything)),
+        places=jnp.asarray(places),
+        resistance=jnp.asarray(resistance),
+        capacity=jnp.asarray(capacity),
+        position=jnp.asarray([sensor.position for sensor in case.sensors]),
+        length=jnp.asarray(case.wall.length),
+    )
+
+
+def _hours(record: Record) -> np.ndarray:
+    """Hour of the day of each row, by the record's own clock; since the first row where it has only seconds."""
+    stamps = record.stamps
+    if np.issubdtype(stamps.dtype, np.datetime64):
+        since = (stamps - stamps.astype("datetime64[D]")) / np.timedelta64(1, "s")
+        return np.asarray(since, float) / 3600.0
+    return np.mod(np.asarray(stamps, float), 86400.0) / 3600.0
+
+
+__all__ = ["Bins", "Model", "Slot", "Study", "columns", "impulses", "linearise", "predict", "study"]
