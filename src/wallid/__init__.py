@@ -14,8 +14,8 @@ from importlib.metadata import version as _version
 
 from .case import Case, load, packaged
 from .design import Design, Lengths, design, lengths
-from .estimate import Estimate, estimate, seconds_of_estimate
 from .discrepancy import Explanation, explain
+from .estimate import Estimate, estimate, seconds_of_estimate
 from .experiment import Experiment, Window, experiment, fit_profile, large_model, scales
 from .exponential import Exponential
 from .learning import learn, learning_signals

@@ -29,6 +29,7 @@ from .exponential import phi_functions
 _DAY = 86400.0
 _LEAST_FACTOR = 0.05  # of a coefficient that depends on temperature or time, lest the equation lose its sense
 _STENCIL = 4  # nodes of a reading
+_ONSET = 1800.0  # s, in which a wetting sets in
 LONGEST_SUBSTEP = 1200.0
 """Of the linearly implicit solver, s."""
 
@@ -247,8 +248,10 @@ class _Nonlinear(eqx.Module):
         """`s(t)`, by which the diffusivity differs from that of the first row."""
         factor = 1.0 + self.drift * t / _DAY
         for event in self.wettings:
-            since = jnp.maximum(t - event.time, 0.0)
-            factor = factor * (1.0 + (t >= event.time) * event.jump * jnp.exp(-since / event.time_constant))
+            since = t - event.time
+            onset = jnp.clip(0.5 + since / _ONSET, 0.0, 1.0)  # not at once, so that its time can be searched for
+            decay = jnp.exp(-jnp.maximum(since, 0.0) / event.time_constant)
+            factor = factor * (1.0 + event.jump * onset * decay)
         return jnp.maximum(factor, _LEAST_FACTOR)
 
     def coefficients(self, t: Array, T: Array, q: Array) -> tuple[Array, Array, Array]:

@@ -7,67 +7,30 @@ window; `style()` is the house style as a matplotlib context.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
-from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from ._style import BLUE, DAYS, GREEN, GREY, ORANGE, PURPLE, RED, SENSORS, SKY, YELLOW, colour, figure, style
 from .case import Case
 from .design import Design, Lengths
 from .estimate import Estimate
 from .experiment import Window, fit_profile
 from .mim import Learned
-from .reliability import Loads, Reliability
-
-BLUE, ORANGE, GREEN, PURPLE, SKY, RED, YELLOW, GREY = (
-    "#0072B2",
-    "#E69F00",
-    "#009E73",
-    "#CC79A7",
-    "#56B4E9",
-    "#D55E00",
-    "#F0E442",
-    "#5A5A5A",
+from .plot_discrepancy import (
+    colour_limit,
+    confusability,
+    cumulative_periodogram,
+    hourly_residual,
+    ranked_gains,
+    residual_map,
+    size_by_window,
+    waterfall,
+    week_residuals,
+    week_temperatures,
 )
-SENSORS = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED)
-
-_DAYS = "days since the record's start"
-
-_STYLE = {
-    "font.size": 9,
-    "axes.titlesize": 10,
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-    "lines.linewidth": 1.3,
-    "legend.frameon": False,
-    "legend.fontsize": 8,
-    "figure.constrained_layout.use": True,
-    "savefig.dpi": 150,
-}
-
-
-def style() -> AbstractContextManager[Any]:
-    """The house style: `with wallid.plot.style(): ...`."""
-    return mpl.rc_context(_STYLE)  # pyright: ignore[reportArgumentType]
-
-
-def figure(rows: int = 1, columns: int = 1, *, width: float = 7.2, height: float = 2.6) -> tuple[Figure, Any]:
-    """An empty figure in the house style and its Axes, `height` inches a row."""
-    with style():
-        made = Figure(figsize=(width, height * rows))
-        return made, made.subplots(rows, columns)
-
-
-def colour(sensor: int) -> str:
-    """The colour of a sensor's place."""
-    return SENSORS[sensor % len(SENSORS)]
+from .reliability import Loads, Reliability
 
 
 def record(ax: Axes, case: Case, window: Window | None = None) -> None:
@@ -91,7 +54,7 @@ def record(ax: Axes, case: Case, window: Window | None = None) -> None:
     if window is not None:
         step = case.record.step / 86400.0
         ax.axvspan(window.row * step, (window.row + window.rows - 1) * step, color=YELLOW, alpha=0.35, lw=0)
-    ax.set(xlabel=_DAYS, ylabel="temperature (°C)", title=f"Record {case.name}")
+    ax.set(xlabel=DAYS, ylabel="temperature (°C)", title=f"Record {case.name}")
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + 0.3 * (high - low))  # room for the legend above the curves
     ax.legend(ncols=3, loc="upper left")
@@ -102,7 +65,7 @@ def theta(ax: Axes, case: Case, days: np.ndarray, sensitivity: np.ndarray) -> No
     for s, sensor in enumerate(case.sensors):
         ax.plot(days, sensitivity[:, s], color=colour(s), lw=0.8, label=sensor.name)
     ax.set(
-        xlabel=_DAYS,
+        xlabel=DAYS,
         ylabel=r"$\partial T / \partial \ln \alpha$ (K)",
         title="Sensitivity to the diffusivity",
     )
@@ -172,7 +135,7 @@ def measured_against_simulated(ax: Axes, case: Case, fit: Estimate) -> None:
     for s, sensor in enumerate(case.sensors):
         ax.plot(days, part.sensors[:, s], ".", ms=4, color=colour(s), alpha=0.6)
         ax.plot(days, fit.predicted[:, s], color=colour(s), label=sensor.name)
-    ax.set(xlabel=_DAYS, ylabel="temperature (°C)", title="Measured (dots) and simulated")
+    ax.set(xlabel=DAYS, ylabel="temperature (°C)", title="Measured (dots) and simulated")
     ax.legend(ncols=3)
 
 
@@ -183,7 +146,7 @@ def residual(ax: Axes, case: Case, fit: Estimate) -> None:
         there = np.isfinite(fit.residual[:, s])
         ax.plot(days[there], fit.residual[there, s], ".-", ms=3, lw=0.7, color=colour(s), label=sensor.name)
     ax.axhline(0.0, color=GREY, lw=0.8)
-    ax.set(xlabel=_DAYS, ylabel="residual (K)", title="Measured minus simulated")
+    ax.set(xlabel=DAYS, ylabel="residual (K)", title="Measured minus simulated")
     ax.legend(ncols=3)
 
 
@@ -199,7 +162,7 @@ def last_week(ax: Axes, reliability: Reliability, sensor: int) -> None:
     ax.plot(days[late], reliability.prior[late, sensor], "--", color=ORANGE, label="prior")
     ax.plot(days[late], reliability.predicted[late, sensor], color=BLUE, label="estimate")
     ax.set(
-        xlabel=_DAYS,
+        xlabel=DAYS,
         ylabel="temperature (°C)",
         title=f"{reliability.names[sensor]}: last week",
     )
@@ -268,7 +231,7 @@ def flux(ax: Axes, days: np.ndarray, loads: Loads) -> None:
     """The heat flux through the inner face over the record."""
     ax.plot(days, loads.flux, color=BLUE, lw=0.8)
     ax.axhline(0.0, color=GREY, lw=0.8)
-    ax.set(xlabel=_DAYS, ylabel="j, along +x (W/m²)", title="Heat flux through the inner face")
+    ax.set(xlabel=DAYS, ylabel="j, along +x (W/m²)", title="Heat flux through the inner face")
 
 
 def loads(ax: Axes, loads: Loads) -> None:
@@ -280,3 +243,43 @@ def loads(ax: Axes, loads: Loads) -> None:
         ylabel="change of the load E (%)",
         title=f"Load E at k = {loads.conductivity:g} W/m/K",
     )
+
+
+__all__ = [
+    "BLUE",
+    "GREEN",
+    "GREY",
+    "ORANGE",
+    "PURPLE",
+    "RED",
+    "SENSORS",
+    "SKY",
+    "YELLOW",
+    "colour",
+    "colour_limit",
+    "compromise",
+    "confusability",
+    "convergence",
+    "criterion",
+    "cumulative_periodogram",
+    "density",
+    "figure",
+    "flux",
+    "hourly_residual",
+    "initial_profile",
+    "last_week",
+    "loads",
+    "measured_against_simulated",
+    "orders",
+    "ranked_gains",
+    "record",
+    "residual",
+    "residual_map",
+    "size_by_window",
+    "style",
+    "theta",
+    "uncertainty",
+    "waterfall",
+    "week_residuals",
+    "week_temperatures",
+]

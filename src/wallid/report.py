@@ -9,39 +9,26 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from .discrepancy import Explanation
+from .effects import untestable
 from .estimate import Estimate
-from .experiment import scales
+from .experiment import Window, scales
 from .wall import InputError
 from .workflow import Run
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 SCHEMA = 1
-_FIGURES = ("record", "design", "orders", "estimate", "reliability", "uncertainty", "loads")
-_WRITTEN = {"result.json", "model.npz", *(f"{stem}.png" for stem in _FIGURES)}
-"""What a run may write: what an earlier one left of these and this one did not write is not its result."""
 
 
 def result(run: Run) -> dict[str, Any]:
     """The contents of result.json. Every number is finite or null."""
     case, fit = run.case, run.fit
-    window = run.design.best if fit is None and run.design is not None else fit.window if fit else None
     found: dict[str, Any] = {"schema": SCHEMA, "case": case.name}
-    if window is not None:
-        criterion = None
-        if run.design is not None and window.row in run.design.starts:
-            criterion = run.design.criterion[0][list(run.design.starts).index(window.row)]
-        record = case.record
-        found["window"] = {
-            "start": record.stamp(window.row),
-            "end": record.stamp(window.row + window.rows),
-            "criterion": criterion,
-        }
+    if (window := _window(run)) is not None:
+        found["window"] = window
     diffusivity = None if fit is None else _quantity(fit)
     found |= {"diffusivity": diffusivity, "diffusivity_before": diffusivity}
     found["verdict"] = "uninformative" if run.unreliable else None
@@ -71,8 +58,64 @@ def result(run: Run) -> dict[str, Any]:
         }
     if run.reliability is not None:
         found["reliability"] = _reliability(run)
+    if run.explanation is not None:
+        found |= run.explanation.result() | _evidence(run.explanation)
     found["seconds"] = run.seconds
     return _finite(found)
+
+
+def _window(run: Run) -> dict[str, Any] | None:
+    """The rows of the estimate; of the design where nothing was estimated; of the diagnosis where there is neither."""
+    record, criterion = run.case.record, None
+    if run.fit is not None:
+        window = run.fit.window
+    elif run.design is not None:
+        window = run.design.best
+    elif run.explanation is not None:
+        window = Window(0, run.explanation.study.record.rows)
+    else:
+        return None
+    if run.design is not None and window.row in run.design.starts:
+        criterion = run.design.criterion[0][list(run.design.starts).index(window.row)]
+    return {
+        "start": record.stamp(window.row),
+        "end": record.stamp(window.row + window.rows),
+        "criterion": criterion,
+    }
+
+
+def _evidence(explanation: Explanation) -> dict[str, Any]:
+    """What the diagnosis rests on: beyond the verdict, every effect of the library and why it is in or not."""
+    study, noise = explanation.study, explanation.after.noise
+    found: dict[str, Any] = {
+        "noise": {
+            "over_stated": np.sqrt(noise.white + noise.lasting),
+            "lasting_share": noise.lasting / (noise.white + noise.lasting),
+            "correlation": noise.correlation,
+        },
+        "left_over": {"p_before": explanation.left_before.p_value, "p_after": explanation.left_after.p_value},
+        "ranked": [
+            {
+                "name": row.slot.effect.name,
+                "target": study.target_name(row.slot.effect),
+                "label": row.label,
+                "expected_gain": row.expected,
+                "gain": row.gain,
+                "size": {"value": row.size, "std": row.std, "unit": row.unit},
+                "diffusivity_shift": row.shift,
+                "alike": row.rivals,
+                "reason": row.reason,
+            }
+            for row in explanation.table
+        ],
+        "untestable": untestable(study.sensors, study.record.regressors),
+    }
+    if explanation.verdict == "adequate":
+        units = {row.label: row.unit for row in explanation.table}
+        found["smallest"] = {
+            label: {"value": size, "unit": units[label]} for label, size in explanation.smallest().items()
+        }
+    return found
 
 
 def _quantity(fit: Estimate) -> dict[str, Any]:
@@ -121,88 +164,6 @@ def dumps(run: Run) -> str:
     return json.dumps(result(run), indent=2, allow_nan=False)
 
 
-def figures(run: Run) -> Iterator[tuple[str, Figure]]:
-    """Every figure that a run has the numbers for, with its file's stem."""
-    from . import plot
-
-    with plot.style():
-        yield "record", _record_figure(run)
-        if run.design is not None:
-            yield "design", _design_figure(run)
-        if run.orders:
-            made, ax = plot.figure(height=3.2)
-            plot.orders(ax, run.orders)
-            yield "orders", made
-        if run.fit is not None:
-            yield "estimate", _estimate_figure(run)
-        if run.reliability is not None:
-            yield "reliability", _reliability_figure(run)
-            yield "uncertainty", _uncertainty_figure(run)
-        if run.reliability is not None and run.reliability.loads is not None:
-            made, axes = plot.figure(1, 2, height=2.8)
-            plot.flux(axes[0], run.reliability.days, run.reliability.loads)
-            plot.loads(axes[1], run.reliability.loads)
-            yield "loads", made
-
-
-def _record_figure(run: Run) -> Figure:
-    from . import plot
-
-    made, ax = plot.figure(height=3.2)
-    window = run.fit.window if run.fit else run.design.best if run.design else None
-    plot.record(ax, run.case, window)
-    return made
-
-
-def _design_figure(run: Run) -> Figure:
-    from . import plot
-    from .estimate import theta_kelvin
-    from .experiment import Window, large_model
-
-    assert run.design is not None
-    made, axes = plot.figure(2 if run.lengths is None else 3, height=2.4)
-    whole = Window(0, run.case.record.rows)
-    sensitivity = theta_kelvin(large_model(run.case), run.case, whole, run.design.diffusivities[0])
-    plot.theta(axes[0], run.case, np.asarray(run.case.record.time) / 86400.0, sensitivity)
-    plot.criterion(axes[1], run.design)
-    if run.lengths is not None:
-        plot.compromise(axes[2], run.lengths)
-    return made
-
-
-def _estimate_figure(run: Run) -> Figure:
-    from . import plot
-
-    assert run.fit is not None
-    made, axes = plot.figure(2, 2, width=9.0, height=2.8)
-    plot.convergence(axes[0, 0], axes[0, 1], run.fit)
-    plot.measured_against_simulated(axes[1, 0], run.case, run.fit)
-    plot.residual(axes[1, 1], run.case, run.fit)
-    return made
-
-
-def _reliability_figure(run: Run) -> Figure:
-    from . import plot
-
-    found = run.reliability
-    assert found is not None
-    made, axes = plot.figure(len(found.names), 2, width=9.0, height=2.4)
-    for s, row in enumerate(np.atleast_2d(axes)):
-        plot.last_week(row[0], found, s)
-        plot.density(row[1], found, s)
-    return made
-
-
-def _uncertainty_figure(run: Run) -> Figure:
-    from . import plot
-
-    assert run.reliability is not None and run.fit is not None
-    made, axes = plot.figure(1, 2, height=2.8)
-    plot.uncertainty(axes[0], run.reliability)
-    plot.initial_profile(axes[1], run.case, run.fit.window)
-    return made
-
-
 def write(run: Run, out: str | Path) -> list[Path]:
     """Write result.json, the figures and the reduced model into a folder: all of them, or none.
 
@@ -214,9 +175,16 @@ def write(run: Run, out: str | Path) -> list[Path]:
         names = _fill(run, made)
         for name in names:
             os.replace(made / name, out / name)
-    for stale in _WRITTEN - set(names):
+    for stale in _written() - set(names):
         (out / stale).unlink(missing_ok=True)
     return [out / name for name in names]
+
+
+def _written() -> set[str]:
+    """What a run may write: what an earlier one left of these and this one did not write is not its result."""
+    from .figures import STEMS
+
+    return {"result.json", "model.npz", *(f"{stem}.png" for stem in STEMS)}
 
 
 def check_out(out: str | Path) -> None:
@@ -245,6 +213,8 @@ def _folder(out: Path) -> Iterator[Path]:
 
 
 def _fill(run: Run, folder: Path) -> list[str]:
+    from .figures import figures
+
     names = []
     for stem, made in figures(run):
         names.append(f"{stem}.png")

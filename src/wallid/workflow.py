@@ -1,4 +1,4 @@
-"""The whole method on a case, stage by stage: design, learn, estimate, reliability."""
+"""The whole method on a case, stage by stage: design, learn, estimate, reliability, diagnose."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Literal
 from ._columns import FEWEST_ROWS
 from .case import Case
 from .design import Design, Lengths, design, lengths
+from .discrepancy import Explanation, explain
 from .estimate import Estimate, estimate, seconds_of_estimate
 from .experiment import Window, large_model
 from .learning import learn, learning_signals
@@ -24,6 +25,7 @@ Progress = Callable[[str, float], None]
 """Told the stage now beginning, and the share of the work done before it, 0 to 1."""
 
 STAGES = ("design", "learn", "estimate", "reliability", "lengths")
+"""Of a run; `diagnose` is one more, which takes as long as all of these together many times over."""
 
 _DAYS = (1.0, 2.0, 3.0, 5.0, 10.0)  # of the compromise figure
 _MOST_ROWS = 20_000  # past this, one length of the compromise costs seconds: not part of a run
@@ -44,6 +46,7 @@ class Run:
     orders: list[Learned] = field(default_factory=list)
     fit: Estimate | None = None
     reliability: Reliability | None = None
+    explanation: Explanation | None = None
     seconds: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
@@ -58,12 +61,14 @@ class Run:
     @property
     def unreliable(self) -> str:
         """Why there is no number to rely on; empty where there is one, or none was asked for."""
+        if self.explanation is not None:  # its diffusivity is the final answer
+            return self.explanation.sentence if self.explanation.verdict == "uninformative" else ""
         if self.fit is not None:
             return self.fit.reason
         return str(self.design) if self.design is not None and not self.design.informative else ""
 
     def __str__(self) -> str:
-        parts = [self.case, self.design, self.lengths, self.learned, self.fit, self.reliability]
+        parts = [self.case, self.design, self.lengths, self.learned, self.fit, self.reliability, self.explanation]
         return "\n\n".join(str(part) for part in parts if part is not None)
 
 
@@ -91,21 +96,61 @@ def run(
     """
     done = Run(case)
     _check_orders(case, orders)
-    work = {"design": 2.0, "lengths": 4.0, "learn": 5.0 + 4.0 * len(orders), "estimate": 3.0, "reliability": 4.0}
-    total, passed = sum(work[stage] for stage in stages), 0.0
+    begin = _Shares(stages, len(orders), progress)
+    if set(stages) != {"diagnose"}:
+        _of_window(done, stages, window, orders, weights, integrator, begin)
+    if "diagnose" in stages:
+        begin("diagnose", "diagnose: what the plain model misses")
+        with done.timed("diagnose"):
+            done.explanation = explain(case, progress=begin.within)
+    progress("done", 1.0)
+    return done
 
-    def begin(stage: str, words: str) -> None:
-        nonlocal passed
-        progress(words, passed / total)
-        passed += work[stage]
 
+class _Shares:
+    """Tells a progress bar how much of the work is done, by what each stage takes."""
+
+    def __init__(self, stages: Sequence[str], orders: int, progress: Progress):
+        work = {
+            "design": 2.0,
+            "lengths": 4.0,
+            "learn": 5.0 + 4.0 * orders,
+            "estimate": 3.0,
+            "reliability": 4.0,
+            "diagnose": 60.0,
+        }
+        self.work = {stage: work[stage] for stage in stages}
+        self.progress = progress
+        self.before = self.after = 0.0
+
+    def __call__(self, stage: str, words: str) -> None:
+        """A stage begins."""
+        self.before, self.after = self.after, self.after + self.work[stage]
+        self.within(words, 0.0)
+
+    def within(self, words: str, share: float) -> None:
+        """A part of the stage begins, with this share of it done."""
+        done = self.before + share * (self.after - self.before)
+        self.progress(words, done / sum(self.work.values()))
+
+
+def _of_window(
+    done: Run,
+    stages: Sequence[str],
+    window: Window | None,
+    orders: Sequence[int],
+    weights: Literal["noise", "none"],
+    integrator: Integrator,
+    begin: _Shares,
+) -> None:
+    """The stages about one window: all but the diagnosis."""
+    case = done.case
     if "design" in stages:
         begin("design", "design: which days tell most")
         with done.timed("design"):
             done.design = design(case, integrator=integrator)
         if not done.design.informative and window is None:
-            progress("done", 1.0)
-            return done
+            return
     if window is None:
         window = (done.design or design(case, integrator=integrator)).best
     model: StateSpace
@@ -133,8 +178,6 @@ def run(
         begin("lengths", "design: what longer windows give and cost")
         with done.timed("lengths"):
             done.lengths = lengths(case, days, lambda found: seconds_of_estimate(case, found, model))
-    progress("done", 1.0)
-    return done
 
 
 def _check_orders(case: Case, orders: Sequence[int]) -> None:

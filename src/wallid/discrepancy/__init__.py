@@ -1,6 +1,6 @@
 """Where a model and its record part, which effect is missing, and how far the gap shrinks with it in."""
 
 from .explain import explain
-from .explanation import Explanation, Named, Trial
+from .explanation import Explanation, Named, Row, Trial
 
-__all__ = ["Explanation", "Named", "Trial", "explain"]
+__all__ = ["Explanation", "Named", "Row", "Trial", "explain"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.stats import chi2
@@ -13,6 +14,7 @@ from .study import Slot, Study
 _DAY = 86400.0
 _BLOCKS = 9  # a third of them is held out
 _WINDOWS = 4
+_BLIND = 100.0  # standard deviations of the whole record's size: a window as uncertain as this tells nothing
 _OTHERS = 2.0  # how far what else is free may go in one window, in its standard deviations of the whole record
 
 
@@ -62,10 +64,27 @@ def held_out(study: Study) -> np.ndarray | None:
 
 def _gap_outside(fit: Fit, held: np.ndarray) -> float:
     """Root mean square on the rows held out, with parameters found without them, K."""
-    study = fit.study
-    trained = refit(study, fit.active, fit.theta, fit.noise, used=~_bins_with(study, held))
-    rest = trained.remainder[held]
+    rest = _trained(fit, held).remainder[held]
     return float(np.sqrt(np.nanmean(rest**2)))
+
+
+def _trained(fit: Fit, held: np.ndarray) -> Fit:
+    return refit(fit.study, fit.active, fit.theta, fit.noise, used=~_bins_with(fit.study, held))
+
+
+def cost_outside(fit: Fit) -> float:
+    """`-2 log L` of the rows held out, predicted with parameters found without them, up to what noise sets.
+
+    None are held out of a record of under three days: 0.
+    """
+    study = fit.study
+    held = held_out(study)
+    if held is None:
+        return 0.0
+    binned = np.asarray(study.bins.mean(study.bins.observed - _trained(fit, held).predicted))
+    chosen = np.flatnonzero(_bins_with(study, held))
+    W = whiten_part(fit.noise, chosen)[np.ix_(chosen, chosen)]
+    return float(np.sum((W @ binned[chosen]) ** 2))
 
 
 def _bins_with(study: Study, rows: np.ndarray) -> np.ndarray:
@@ -81,7 +100,7 @@ class Windows:
 
     Arguments:
         days: the middle of each window, from the record's start.
-        size, std: in the effect's unit. p_value: of all being the same.
+        size, std: in the effect's unit; NaN where a window tells nothing of it. p_value: of all being the same.
     """
 
     days: np.ndarray
@@ -106,10 +125,10 @@ def windows(fit: Fit, slot: Slot) -> Windows:
     prior[place] = 0.0
     edges = np.linspace(0, bins, _WINDOWS + 1).astype(int)
     sizes, stds = [], []
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges):
         used = np.tile((np.arange(bins) >= first) & (np.arange(bins) < last), study.sensors)
         chosen = np.flatnonzero(used)
-        W = whiten_part(noise, used)[np.ix_(chosen, chosen)]
+        W = whiten_part(noise, chosen)[np.ix_(chosen, chosen)]
         system = np.concatenate([W @ J[chosen], np.diag(prior)])
         right = np.concatenate([W @ r[chosen], np.zeros(len(prior))])
         scale = np.maximum(np.linalg.norm(system, axis=0), 1e-300)
@@ -117,8 +136,10 @@ def windows(fit: Fit, slot: Slot) -> Windows:
         sizes.append(fit.theta[slot.first] + (inverse @ right)[place] / scale[place])
         stds.append(np.linalg.norm(inverse[place]) / scale[place])
     size, std = np.array(sizes), np.array(stds)
-    weight = 1.0 / std**2
-    mean = (weight @ size) / weight.sum()
-    p = float(chi2.sf((weight * (size - mean) ** 2).sum(), _WINDOWS - 1))
+    told = std < _BLIND * max(fit.std(slot.first), 1e-300)
+    size, std = np.where(told, size, np.nan), np.where(told, std, np.nan)
+    weight = np.where(told, 1.0 / np.where(told, std, 1.0) ** 2, 0.0)
+    mean = np.nansum(weight * size) / max(weight.sum(), 1e-300)
+    p = float(chi2.sf(np.nansum(weight * (size - mean) ** 2), max(told.sum() - 1, 1)))
     days = 0.5 * (edges[1:] + edges[:-1]) * study.bins.rows * study.record.step / _DAY
     return Windows(days, size, std, p)

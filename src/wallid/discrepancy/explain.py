@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from ..case import Case
-from .compare import compare, windows
+from .compare import compare, cost_outside, windows
+from .explanation import CHANCE as FIRST
 from .explanation import Explanation, Named, Trial
 from .extend import Fit, refit
 from .locate import locate
@@ -15,17 +16,17 @@ from .noise import NoiseModel, estimate_noise
 from .rank import Outlook, Screen, look, screen
 from .study import Slot, Study, study
 
-FIRST = 0.03
-"""How often, over the whole library, chance may make a first effect."""
 FURTHER = 0.01
 """How often chance may make a further one, or a pair where no single effect stands out."""
 RIVAL = 9.0
 """Models within this of the best in `-2 log L` cannot be told from it."""
 SAME = 1e-4
 """How often chance may make the sizes of four windows differ."""
+_CLEAN = 0.02  # p-value of the omnibus test above which a single effect is not asked for a partner at once
 _MOST_EFFECTS = 3
 _SINGLES, _PAIRS, _RIVALS = 5, 3, 4
 _NEAR = 0.35  # how far a rival's expected gain may fall short, relative, to be worth a refit
+_PER_PLACE = 3.0  # of -2 log L: what finding a place or an hour between the scan's gains by chance
 _ROUNDS = 4
 
 Progress = Callable[[str, float], None]
@@ -141,29 +142,49 @@ class _Search:
             return plain
         likely = [k for k in singles if ranked.gain[k] >= (1 - _NEAR) * top - RIVAL] if single_stands else []
         double = [pair for pair in pairs if ranked.pair_gain[pair] > top + ranked.threshold(FURTHER)]
-        tries = [(k,) for k in likely] + (double if pair_stands else [])
-        made = []
-        for count, chosen in enumerate(tries):
-            tell(count / len(tries))
-            made.append(self.add(ranked, chosen))
+        made: list[Fit] = []
+        for count, k in enumerate(likely):
+            tell(count / (len(likely) + len(double)))
+            made.append(self.add(ranked, (k,)))
+        best = min(made, key=lambda fit: fit.cost, default=None)
+        # a pair only where one effect leaves something, which is seldom: a refit of a pair costs the most
+        if pair_stands and (best is None or locate(best).p_value < _CLEAN):
+            for count, pair in enumerate(double):
+                tell((len(likely) + count) / (len(likely) + len(double)))
+                made.append(self.add(ranked, pair))
         threshold = {1: ranked.threshold(FIRST), 2: ranked.threshold(FIRST) + ranked.threshold(FURTHER)}
         return self._best(plain, made, threshold)
 
     def _best(self, base: Fit, made: Iterable[Fit], threshold: dict[int, float]) -> Fit:
-        """The best acceptable fit by its cost and a penalty for each effect, or the base."""
+        """The best acceptable fit by its cost and a penalty for each effect, or the base.
+
+        It must also predict days better that it has not seen than whatever has fewer effects.
+        """
 
         def penalised(fit: Fit) -> float:
-            return fit.cost + threshold.get(len(fit.active) - len(base.active), 0.0)
+            added = [slot for slot in fit.active if slot not in base.active]
+            places = sum(not p.is_size for slot in added for p in slot.effect.parameters)
+            return fit.cost + threshold.get(len(added), 0.0) + _PER_PLACE * places
 
-        good = [fit for fit in made if self._acceptable(fit)]
-        return min([base, *good], key=penalised)
+        ordered = sorted((fit for fit in made if self._acceptable(fit)), key=penalised)
+        for fit in ordered:
+            if penalised(fit) >= base.cost:
+                break
+            fewer = [base, *(other for other in ordered if len(other.active) < len(fit.active))]
+            if cost_outside(fit) < min(cost_outside(other) for other in fewer[:2]):
+                return fit
+            self._refuse(fit, "predicts days that it has not seen no better")
+        return base
+
+    def _refuse(self, fit: Fit, reason: str) -> None:
+        for trial in self.trials:
+            if trial.fit is fit:
+                trial.reason = reason
 
     def _acceptable(self, fit: Fit) -> bool:
         """Inside its bounds, and each effect of a size worth reporting or one that moves the diffusivity."""
         reason = refusal(fit)
-        for trial in self.trials:
-            if trial.fit is fit:
-                trial.reason = reason
+        self._refuse(fit, reason)
         return not reason
 
     def further(self, fit: Fit, tell: Callable[[float], None]) -> Fit:
@@ -236,7 +257,10 @@ class _Search:
             found.append(
                 Named(
                     slot,
-                    {p.name: (float(fit.theta[i]), fit.std(i)) for p, i in zip(slot.effect.parameters, slot.indices, strict=True)},
+                    {
+                        p.name: (float(fit.theta[i]), fit.std(i))
+                        for p, i in zip(slot.effect.parameters, slot.indices, strict=True)
+                    },
                     expected,
                     gain,
                     ranked.p_value(gain),
@@ -289,6 +313,3 @@ def _keep(fit: Fit, slot: Slot) -> np.ndarray:
 
 def _same(one: Slot, other: Slot) -> bool:
     return (one.effect.name, one.effect.target) == (other.effect.name, other.effect.target)
-
-
-__all__ = ["FIRST", "FURTHER", "RIVAL", "SAME", "explain", "refusal"]

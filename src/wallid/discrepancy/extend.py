@@ -7,6 +7,7 @@ from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from .noise import Noise
 from .study import Slot, Study, linearise, predict
@@ -15,7 +16,7 @@ _NORMAL_95 = 1.959963984540054
 _LONGEST_STEP = 1.5  # of ln(alpha), from where a fit starts
 _AT_BOUND = 1e-6
 _ENOUGH = 0.01  # of -2 log L
-_MOST_STEPS = 15
+_MOST_STEPS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +120,7 @@ def refit(
         used: the binned readings that count; None for all.
     """
     free = study.free(active)
-    whiten = noise.whiten if used is None else whiten_part(noise, used)
+    whiten = noise.whiten if used is None else whiten_part(noise, np.flatnonzero(used))
     begin = theta.copy()
     if step is not None:
         step = step.copy()
@@ -157,9 +158,7 @@ class _Problem:
         )
 
 
-def levenberg_marquardt(
-    problem: _Problem, theta: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+def levenberg_marquardt(problem: _Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
     """Least squares within bounds, damped by the Jacobian's own scales.
 
     Stepped from outside the compiled model: every set of effects then shares one compilation, and bounds hold
@@ -199,12 +198,12 @@ def levenberg_marquardt(
     return theta, residual, jacobian, False
 
 
-def whiten_part(noise: Noise, used: np.ndarray) -> np.ndarray:
-    """A W for some of the readings: zero for the others."""
-    from scipy.linalg import solve_triangular
-
-    part = np.zeros_like(noise.covariance)
-    chosen = np.flatnonzero(used)
-    lower = np.linalg.cholesky(noise.covariance[np.ix_(chosen, chosen)])
-    part[np.ix_(chosen, chosen)] = solve_triangular(lower, np.eye(len(chosen)), lower=True)
-    return part
+def whiten_part(noise: Noise, chosen: np.ndarray) -> np.ndarray:
+    """A W for some of the readings, given by their places: zero for the others."""
+    key = chosen.tobytes()
+    if key not in noise.parts:
+        part = np.zeros_like(noise.covariance)
+        lower = np.linalg.cholesky(noise.covariance[np.ix_(chosen, chosen)])
+        part[np.ix_(chosen, chosen)] = solve_triangular(lower, np.eye(len(chosen)), lower=True)
+        noise.parts[key] = part
+    return noise.parts[key]

@@ -58,9 +58,7 @@ def locate(fit: Fit) -> Remainder:
     along = basis.T @ fit.residual
     statistic = float(along @ along)
     freedom = basis.shape[1]
-    return Remainder(
-        by_sensor, by_hour, by_day, statistic, freedom, float(chi2.sf(statistic, freedom)), basis @ along
-    )
+    return Remainder(by_sensor, by_hour, by_day, statistic, freedom, float(chi2.sf(statistic, freedom)), basis @ along)
 
 
 def _mean(values: np.ndarray) -> np.ndarray:

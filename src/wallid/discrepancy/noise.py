@@ -40,6 +40,7 @@ class Noise:
         correlation: of the latter, from row to row.
         whiten: W, lower triangular, with `W' W` the inverse covariance of the binned readings.
         floor: what noise alone would leave at the rows, root mean square, K.
+        parts: whitenings of some of the readings, made once.
     """
 
     white: float
@@ -48,6 +49,7 @@ class Noise:
     whiten: np.ndarray = field(repr=False)
     covariance: np.ndarray = field(repr=False)
     floor: float
+    parts: dict[bytes, np.ndarray] = field(default_factory=dict, repr=False)
 
     def __str__(self) -> str:
         total = np.sqrt(self.white + self.lasting)
@@ -101,9 +103,7 @@ class NoiseModel:
         n, sensors = self.count, self.study.sensors
         present = np.asarray(self.study.bins.counts())  # (bin, sensor)
         R = np.zeros((sensors * n, sensors * n))
-        G = [
-            np.concatenate([_lower_toeplitz(self.binned[face, :, s]) for s in range(sensors)]) for face in (0, 1)
-        ]
+        G = [np.concatenate([_lower_toeplitz(self.binned[face, :, s]) for s in range(sensors)]) for face in (0, 1)]
         for part in G:
             R += self.face_std**2 * (part @ C) @ part.T
         for s, std in enumerate(self.sensor_std):
@@ -190,5 +190,3 @@ def estimate_noise(model: NoiseModel, residual: np.ndarray, directions: np.ndarr
         total, lasting, rho = float(np.exp(best.x[0])), float(best.x[1]), float(best.x[2])
         sizes = (total * (1 - lasting), total * lasting, rho)
     return model.noise(*sizes)
-
-

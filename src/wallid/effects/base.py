@@ -14,7 +14,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Iterator
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -23,7 +23,18 @@ from jaxtyping import Array, Float
 
 from ..record import Record
 
-__all__ = ["CONSTANT", "DERIVATIVE", "AbstractEffect", "Campaign", "Parameter", "Search", "Source", "Step", "Terms", "Wetting"]
+__all__ = [
+    "CONSTANT",
+    "DERIVATIVE",
+    "AbstractEffect",
+    "Campaign",
+    "Parameter",
+    "Search",
+    "Source",
+    "Step",
+    "Terms",
+    "Wetting",
+]
 
 
 POWERS = 4
@@ -81,8 +92,6 @@ class Step(NamedTuple):
     place: Array
 
 
-
-
 class Wetting(NamedTuple):
     """A diffusivity that jumps by a factor 1 + `jump` at `time` (s) and comes back with `time_constant` (s)."""
 
@@ -138,7 +147,7 @@ class Terms(eqx.Module):
     rate: Float[Array, " sensor"]
 
     @classmethod
-    def plain(cls, campaign: Campaign) -> Self:
+    def plain(cls, campaign: Campaign) -> Terms:
         """The terms of a wall from which nothing is missing."""
         zero, two = jnp.zeros(()), jnp.zeros(2)
         each = jnp.zeros_like(campaign.position)
@@ -165,7 +174,7 @@ class Terms(eqx.Module):
             rate=each,
         )
 
-    def add(self, **changes: Any) -> Self:
+    def add(self, **changes: Any) -> Terms:
         """These terms with something added to some: numbers are added up, tuples are joined."""
         return dataclasses.replace(self, **{name: getattr(self, name) + change for name, change in changes.items()})
 
@@ -200,12 +209,14 @@ class Search:
     """What bounds a search for places, times and temperatures.
 
     Arguments:
+        length: of the wall, m.
         places: candidates for interfaces, m, between the outermost sensors.
         duration: of the record, s.
         rain: when rain events began, s since the first row; empty where no rain was logged.
         coldest, warmest: of all readings, degC.
     """
 
+    length: float
     places: tuple[float, ...]
     duration: float
     rain: tuple[float, ...]
@@ -257,7 +268,7 @@ class AbstractEffect(eqx.Module):
             infinity if parameter.most is None else parameter.most,
         )
 
-    def at(self, values: dict[str, Any]) -> Self:
+    def at(self, values: dict[str, Any]) -> AbstractEffect:
         """The same effect at other values of its parameters."""
         return dataclasses.replace(self, **values)
 
@@ -283,6 +294,7 @@ def record_search(record: Record, positions: tuple[float, ...], length: float, c
     places = [low + margin + (high - low - 2 * margin) * i / (count - 1) for i in range(count)]
     inner = record.sensors[~jnp.isnan(record.sensors)] if record.sensors.size else record.faces.ravel()
     return Search(
+        length=length,
         places=tuple(float(place) for place in places),
         duration=record.duration,
         rain=rain_onsets(record),

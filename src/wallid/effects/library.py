@@ -75,6 +75,6 @@ def untestable(sensors: int, logged: Collection[str]) -> dict[str, tuple[str, ..
     missing: dict[str, set[str]] = {}
     for effect in _every(sensors):
         lacks = set(effect.required()) - set(logged)
-        if lacks and not (effect.name == "heat_source"):
+        if lacks and effect.name != "heat_source":
             missing.setdefault(effect.name, set()).update(lacks)
     return {name: tuple(sorted(lacks)) for name, lacks in missing.items()}

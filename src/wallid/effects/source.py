@@ -21,22 +21,23 @@ SOURCE_WIDTH = 0.05
 class _HeatSource(AbstractEffect):
     """`rate p(x) c(t)`, p = 1 or `exp(-((x - place)/(L/20))^2/2)`."""
 
-
     def scan(self, search: Search) -> Iterator[dict[str, float]]:
         """Places and hours on a grid, as far as this form has them."""
         names = {parameter.name for parameter in self.parameters}
-        places = search.places[2::2][:3] if "place" in names else (None,)
+        places = [search.length * share for share in _SHARES] if "place" in names else [None]
         widths = (7,) if "place" in names else (5, 9)
-        spans = [(float(a), float(a + width)) for width in widths for a in range(0, 24, 4)] if "start" in names else [None]
+        spans = (
+            [(float(a), float(a + width)) for width in widths for a in range(0, 24, 4)] if "start" in names else [None]
+        )
         for place in places:
             for span in spans:
                 found = {} if place is None else {"place": place}
                 yield found | ({} if span is None else {"start": span[0], "end": span[1]})
 
     def bounds(self, parameter: Parameter, search: Search) -> tuple[float, float]:
-        """A place lies between the outermost sensors, hours within a day and the next."""
+        """A place lies inside the wall, hours within a day and the next."""
         if parameter.name == "place":
-            return search.places[0], search.places[-1]
+            return 0.02 * search.length, 0.98 * search.length
         if parameter.name == "start":
             return -6.0, 30.0
         if parameter.name == "end":
@@ -44,6 +45,7 @@ class _HeatSource(AbstractEffect):
         return super().bounds(parameter, search)
 
 
+_SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)  # of the wall's length: where the scan looks for a placed source
 _RATE = Parameter("rate", "K/s", 2e-6, worth=1e-7)
 _PLACE = Parameter("place", "m", 0.02)
 _HOURS = (Parameter("start", "h", 1.0), Parameter("end", "h", 1.0))

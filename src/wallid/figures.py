@@ -1,0 +1,187 @@
+"""Every figure of a run, put together from the Axes of `plot`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from . import plot
+from .discrepancy import Explanation
+from .discrepancy.extend import Fit
+from .discrepancy.locate import Remainder
+from .estimate import theta_kelvin
+from .experiment import Window, large_model
+
+if TYPE_CHECKING:
+    from .workflow import Run
+
+STEMS = (
+    "record",
+    "design",
+    "orders",
+    "estimate",
+    "reliability",
+    "uncertainty",
+    "loads",
+    "missing",
+    "residuals",
+    "fit",
+    "confusable",
+    "windows",
+    "periodogram",
+)
+"""The stems of all of them."""
+_MOST_SENSORS = 6  # of the worst week's figure
+
+
+def figures(run: Run) -> Iterator[tuple[str, Figure]]:
+    """Every figure that a run has the numbers for, with its file's stem."""
+    with plot.style():
+        yield "record", _record_figure(run)
+        if run.design is not None:
+            yield "design", _design_figure(run)
+        if run.orders:
+            made, ax = plot.figure(height=3.2)
+            plot.orders(ax, run.orders)
+            yield "orders", made
+        if run.fit is not None:
+            yield "estimate", _estimate_figure(run)
+        if run.reliability is not None:
+            yield "reliability", _reliability_figure(run)
+            yield "uncertainty", _uncertainty_figure(run)
+        if run.reliability is not None and run.reliability.loads is not None:
+            made, axes = plot.figure(1, 2, height=2.8)
+            plot.flux(axes[0], run.reliability.days, run.reliability.loads)
+            plot.loads(axes[1], run.reliability.loads)
+            yield "loads", made
+        if run.explanation is not None:
+            yield from diagnosis(run.explanation)
+
+
+def _record_figure(run: Run) -> Figure:
+    made, ax = plot.figure(height=3.2)
+    window = run.fit.window if run.fit else run.design.best if run.design else None
+    plot.record(ax, run.case, window)
+    return made
+
+
+def _design_figure(run: Run) -> Figure:
+    assert run.design is not None
+    made, axes = plot.figure(2 if run.lengths is None else 3, height=2.4)
+    whole = Window(0, run.case.record.rows)
+    sensitivity = theta_kelvin(large_model(run.case), run.case, whole, run.design.diffusivities[0])
+    plot.theta(axes[0], run.case, np.asarray(run.case.record.time) / 86400.0, sensitivity)
+    plot.criterion(axes[1], run.design)
+    if run.lengths is not None:
+        plot.compromise(axes[2], run.lengths)
+    return made
+
+
+def _estimate_figure(run: Run) -> Figure:
+    assert run.fit is not None
+    made, axes = plot.figure(2, 2, width=9.0, height=2.8)
+    plot.convergence(axes[0, 0], axes[0, 1], run.fit)
+    plot.measured_against_simulated(axes[1, 0], run.case, run.fit)
+    plot.residual(axes[1, 1], run.case, run.fit)
+    return made
+
+
+def _reliability_figure(run: Run) -> Figure:
+    found = run.reliability
+    assert found is not None
+    made, axes = plot.figure(len(found.names), 2, width=9.0, height=2.4)
+    for s, row in enumerate(np.atleast_2d(axes)):
+        plot.last_week(row[0], found, s)
+        plot.density(row[1], found, s)
+    return made
+
+
+def _uncertainty_figure(run: Run) -> Figure:
+    assert run.reliability is not None and run.fit is not None
+    made, axes = plot.figure(1, 2, height=2.8)
+    plot.uncertainty(axes[0], run.reliability)
+    plot.initial_profile(axes[1], run.case, run.fit.window)
+    return made
+
+
+def diagnosis(explanation: Explanation) -> Iterator[tuple[str, Figure]]:
+    """The figures of a diagnosis, with their files' stems; one panel where nothing was added to the plain model."""
+    with plot.style():
+        yield "missing", _missing_figure(explanation)
+        yield "residuals", _residuals_figure(explanation)
+        yield "fit", _week_figure(explanation)
+        if len(explanation.screen.candidates):
+            yield "confusable", _confusable_figure(explanation)
+        if explanation.effects:
+            yield "windows", _windows_figure(explanation)
+        yield "periodogram", _periodogram_figure(explanation)
+
+
+def _shown(explanation: Explanation) -> list[tuple[str, Fit, Remainder]]:
+    """The models that have panels: the plain one, and the one with effects where there are any."""
+    before = ("Plain model", explanation.before, explanation.left_before)
+    if not explanation.after.active:
+        return [before]
+    words = "With the effect" if len(explanation.effects) == 1 else "With the effects"
+    return [before, (words, explanation.after, explanation.left_after)]
+
+
+def _missing_figure(explanation: Explanation) -> Figure:
+    made, axes = plot.figure(2, 1, width=8.0, height=3.2)
+    plot.waterfall(axes[0], explanation)
+    plot.ranked_gains(axes[1], explanation)
+    return made
+
+
+def _residuals_figure(explanation: Explanation) -> Figure:
+    shown = _shown(explanation)
+    made, axes = plot.figure(2, len(shown), width=4.0 + 3.5 * len(shown), height=2.8)
+    axes = np.reshape(axes, (2, len(shown)))
+    limit = plot.colour_limit(explanation)
+    for column, (title, fit, left) in zip(axes.T, shown, strict=True):
+        plot.residual_map(column[0], fit, limit, title)
+        plot.hourly_residual(column[1], fit, left.by_hour, f"{title}: by hour of the day")
+        column[1].sharey(axes[1, 0])
+    made.colorbar(axes[0, 0].collections[0], ax=list(axes[0]), label="measured minus simulated (K)", extend="both")
+    made.legend(*axes[1, 0].get_legend_handles_labels(), loc="outside lower center", ncols=8)
+    return made
+
+
+def _week_figure(explanation: Explanation) -> Figure:
+    sensors = min(explanation.study.sensors, _MOST_SENSORS)
+    made, axes = plot.figure(sensors, 2, width=10.0, height=2.2)
+    for s, row in enumerate(np.reshape(axes, (sensors, 2))):
+        plot.week_temperatures(row[0], explanation, s)
+        plot.week_residuals(row[1], explanation, s)
+        row[1].sharey(np.ravel(axes)[1])  # to see which sensor misses most
+    handles, labels = np.ravel(axes)[0].get_legend_handles_labels()
+    made.legend(handles, labels, loc="outside lower center", ncols=3)
+    return made
+
+
+def _confusable_figure(explanation: Explanation) -> Figure:
+    made, ax = plot.figure(width=7.6, height=6.2)
+    mesh = plot.confusability(ax, explanation)
+    made.colorbar(mesh, ax=ax, label="|cosine| of the effects' whitened derivatives (-)", shrink=0.8)
+    return made
+
+
+def _windows_figure(explanation: Explanation) -> Figure:
+    count = len(explanation.effects)
+    made, axes = plot.figure(count, 1, height=2.6)
+    for ax, named in zip(np.ravel(axes), explanation.effects, strict=True):
+        plot.size_by_window(ax, explanation, named)
+        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return made
+
+
+def _periodogram_figure(explanation: Explanation) -> Figure:
+    shown = _shown(explanation)
+    made, axes = plot.figure(1, len(shown), width=2.0 + 3.2 * len(shown), height=3.0)
+    for ax, (title, fit, _) in zip(np.ravel(axes), shown, strict=True):
+        plot.cumulative_periodogram(ax, fit, f"{title}: cumulative periodogram")
+    np.ravel(axes)[-1].legend(loc="lower right")
+    return made

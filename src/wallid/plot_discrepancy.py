@@ -1,0 +1,347 @@
+"""Figures of a diagnosis, each drawn on Axes that the caller gives: where model and record part, and what closes it."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.ticker import MaxNLocator
+
+from ._style import BLUE, DAYS, GREEN, GREY, ORANGE, RED, SKY, colour
+from .discrepancy import Explanation, Named
+from .discrepancy.extend import Fit
+from .discrepancy.study import Slot, impulses
+
+_DAY = 86400.0
+_WEEK = 7 * _DAY
+_CLIPPED = 98.0  # percentile of the residuals that the map's colours reach: single outliers would bleach it
+_NORMAL_95 = 1.959963984540054
+_KOLMOGOROV_95 = 1.358
+_SHOWN = 12
+
+
+def residual_map(ax: Axes, fit: Fit, limit: float, title: str) -> QuadMesh:
+    """The remainder by sensor and time, blue where the model is too warm.
+
+    Arguments:
+        limit: of the colours, K; see `colour_limit`.
+    """
+    days = _days(fit)
+    step = fit.study.record.step / _DAY
+    names = _names(fit)
+    edges = np.append(days, days[-1] + step) - 0.5 * step
+    mesh = ax.pcolormesh(
+        edges, np.arange(len(names) + 1), fit.remainder.T, cmap="RdBu_r", vmin=-limit, vmax=limit, rasterized=True
+    )
+    ax.set_facecolor("0.8")  # missing readings: neither warm nor cold
+    ax.set(xlabel=DAYS, title=f"{title}: rms {_short(fit.gap)} K")
+    ax.set_yticks(np.arange(len(names)) + 0.5, names)
+    ax.invert_yaxis()
+    ax.grid(False)
+    return mesh
+
+
+def colour_limit(explanation: Explanation) -> float:
+    """The colours' common end for the maps before and after, K."""
+    return float(np.nanpercentile(np.abs(explanation.before.remainder), _CLIPPED))
+
+
+def hourly_residual(ax: Axes, fit: Fit, by_hour: np.ndarray, title: str) -> None:
+    """The mean remainder by sensor and hour of the day.
+
+    Arguments:
+        by_hour: K, `(hour, sensor)`; NaN where no row falls.
+    """
+    hours = np.arange(24)
+    for s, name in enumerate(_names(fit)):
+        seen = np.isfinite(by_hour[:, s])
+        ax.plot(hours[seen] + 0.5, by_hour[seen, s], ".-", color=colour(s), label=name)
+    ax.axhline(0.0, color=GREY, lw=0.8)
+    ax.set(xlabel="hour of the day", ylabel="mean residual (K)", xlim=(0, 24), title=title)
+    ax.set_xticks(range(0, 25, 6))
+
+
+def worst_week(fit: Fit) -> slice:
+    """The rows of the seven days in which a model misses most."""
+    rest = fit.remainder
+    count = np.isfinite(rest).sum(axis=1)
+    squares = np.where(np.isfinite(rest), rest, 0.0)
+    rows = min(len(rest), max(2, round(_WEEK / fit.study.record.step)))
+    total = np.convolve((squares**2).sum(axis=1), np.ones(rows), "valid")
+    readings = np.convolve(count, np.ones(rows), "valid")
+    # a week with hardly a reading says little, however far off it is
+    mean = np.where(readings >= 0.5 * readings.max(), total / np.maximum(readings, 1.0), 0.0)
+    first = int(np.argmax(mean))
+    return slice(first, first + rows)
+
+
+def week_temperatures(ax: Axes, explanation: Explanation, sensor: int) -> None:
+    """Measured against simulated over the plain model's worst week, before and after."""
+    week, days = worst_week(explanation.before), _days(explanation.before)
+    before, after = explanation.before, explanation.after
+    ax.plot(days[week], before.study.record.sensors[week, sensor], ".", ms=3.5, color=GREY, label="measured")
+    ax.plot(days[week], before.predicted[week, sensor], "--", color=ORANGE, label="plain model")
+    if after.active:
+        ax.plot(days[week], after.predicted[week, sensor], color=BLUE, label=_with(explanation))
+    ax.set(xlabel=DAYS, ylabel="temperature (°C)", title=f"{_names(before)[sensor]}: the plain model's worst week")
+    if not after.active:
+        ax.set_title(f"{_names(before)[sensor]}: the worst week")
+
+
+def week_residuals(ax: Axes, explanation: Explanation, sensor: int) -> None:
+    """Measured minus simulated over that week, before and after."""
+    week, days = worst_week(explanation.before), _days(explanation.before)
+    shown = [(explanation.before, ORANGE, ".--")]
+    if explanation.after.active:
+        shown.append((explanation.after, BLUE, ".-"))
+    for fit, tint, line in shown:
+        rest = fit.remainder[week, sensor]
+        there = np.isfinite(rest)
+        ax.plot(days[week][there], rest[there], line, ms=2.5, lw=0.8, color=tint)
+    ax.axhline(0.0, color=GREY, lw=0.8)
+    ax.set(xlabel=DAYS, ylabel="residual (K)", title="Measured minus simulated")
+
+
+def waterfall_steps(explanation: Explanation) -> list[tuple[str, float]]:
+    """Gaps from the plain model to the last, K, each with what was added.
+
+    The effects come in by what they explain, the largest first. A model with only the first of them is
+    shown where the search has fitted it; where it has not, they come in together.
+    """
+    study, gap = explanation.study, explanation.gap
+    steps, waiting = [("plain model", gap.before)], []
+    for count, named in enumerate(explanation.effects, start=1):
+        waiting.append(study.label(named.slot.effect))
+        value = gap.after
+        if count < len(explanation.effects):
+            found = _tried(explanation, {other.slot for other in explanation.effects[:count]})
+            if found is None:
+                continue
+            value = found.gap
+        steps.append((" and ".join(waiting), value))
+        waiting = []
+    return steps
+
+
+def _tried(explanation: Explanation, slots: set[Slot]) -> Fit | None:
+    """The best fit that the search has made with just these effects."""
+    fits = [trial.fit for trial in explanation.trials if set(trial.fit.active) == slots]
+    return min(fits, key=lambda fit: fit.cost, default=None)
+
+
+def waterfall(ax: Axes, explanation: Explanation) -> None:
+    """The gap from the plain model through each effect to what is left, beside what noise alone would leave."""
+    gap, steps = explanation.gap, waterfall_steps(explanation)
+    bars = [("plain model", 0.0, gap.before, GREY)]
+    bars += [("+ " + label, gap_before, gap_after, SKY) for (_, gap_before), (label, gap_after) in pairwise(steps)]
+    held = [(0, gap.held_out_before)]
+    if explanation.after.active:
+        bars.append(("after", 0.0, gap.after, BLUE))
+        held.append((len(bars) - 1, gap.held_out_after))
+    for place, (_, low, high, tint) in enumerate(bars):
+        ax.bar(place, high - low, bottom=low, width=0.6, color=tint)
+        words = f"{_short(high)}" if low == 0.0 else f"{high - low:+.3g}".replace("-", "\N{MINUS SIGN}")
+        ax.annotate(
+            words, (place, max(low, high)), (0, 2), textcoords="offset points", ha="center", va="bottom", fontsize=8
+        )
+    for place, (_, value) in enumerate(steps):  # a bar's end carried on to the next one
+        if place + 1 < len(bars):
+            ax.plot([place + 0.3, place + 0.7], [value, value], color=GREY, lw=0.8)
+    ax.axhline(gap.floor, color=RED, ls="--", lw=1.0, label=f"noise alone: {_short(gap.floor)} K")
+    seen = [(place + 0.2, value) for place, value in held if value is not None]
+    if seen:
+        # beside the number that stands above the bar's middle
+        ax.plot(*zip(*seen, strict=True), "D", ms=5, mfc="white", color=ORANGE, ls="none", label="days held out")
+    ax.set_xticks(range(len(bars)), [_folded(label) for label, *_ in bars])
+    highest = max([gap.before, gap.after, gap.floor, *(value for _, value in seen)])
+    ax.set(ylabel="rms of measured minus simulated (K)", ylim=(0, 1.35 * highest), xlim=(-0.6, len(bars) - 0.4))
+    ax.set_title("How far the gap shrinks" if explanation.verdict != "unnamed" else "No known effect closes the gap")
+    ax.grid(False, axis="x")
+    ax.legend(loc="upper right", ncols=2)
+
+
+def ranked_gains(ax: Axes, explanation: Explanation, count: int = _SHOWN) -> None:
+    """What each effect alone would explain beside the plain model: expected, and after a refit where one was made."""
+    rows = [row for row in explanation.table[:count] if row.expected > 0]
+    named = {effect.slot for effect in explanation.effects}
+    rivals = {slot for effect in explanation.effects for slot in effect.alternatives}
+    tints = [GREEN if row.slot in named else ORANGE if row.slot in rivals else GREY for row in rows]
+    places = np.arange(len(rows))
+    expected = np.array([row.expected for row in rows])
+    for tint, words in ((GREEN, "in the model"), (ORANGE, "cannot be told from it"), (GREY, "not taken")):
+        chosen = [place for place, own in zip(places, tints, strict=True) if own == tint]
+        if chosen:
+            ax.plot(expected[chosen], chosen, "o", color=tint, label=words)
+    tried = [(row.gain, place) for place, row in enumerate(rows) if row.gain is not None and row.gain > 0]
+    if tried:
+        ax.plot(*zip(*tried, strict=True), "|", ms=12, mew=1.5, color="black", ls="none", label="after a refit")
+    chance = explanation.screen.threshold(0.05)
+    ax.axvline(chance, color=RED, ls="--", lw=1.0, label="chance, 5 %")
+    ax.set_yticks(places, [row.label for row in rows])
+    ax.set(
+        xscale="log", xlabel=r"drop of $-2 \log L$ (-); dots: expected", title="What each effect alone would explain"
+    )
+    ax.invert_yaxis()
+    # below the last row, where nothing is drawn
+    ax.legend(loc="upper center", bbox_to_anchor=(0.4, -0.16), ncols=5, columnspacing=1.2, handletextpad=0.4)
+
+
+def confusable_places(explanation: Explanation, count: int = _SHOWN) -> list[int]:
+    """The effects that would explain most, each at its best place, by their place in the screen."""
+    return explanation.screen.best(count)
+
+
+def confusability(ax: Axes, explanation: Explanation, count: int = _SHOWN) -> QuadMesh:
+    """How alike the traces of the leading effects are in this record: 1, and it cannot tell them apart."""
+    screen = explanation.screen
+    places = confusable_places(explanation, count)
+    alike = np.abs(screen.cosine[np.ix_(places, places)])
+    mesh = ax.pcolormesh(alike, cmap="cividis", vmin=0.0, vmax=1.0, edgecolors="white", linewidth=0.5)
+    for i, j in np.ndindex(alike.shape):
+        dark = alike[i, j] < 0.55
+        # never 1.00 for what is not the same
+        words = f"{min(alike[i, j], 0.99):.2f}"[1:] if i != j else "1"
+        ax.text(j + 0.5, i + 0.5, words, ha="center", va="center", fontsize=6.5, color="white" if dark else "black")
+    labels = [explanation.study.label(screen.candidates[place].slot.effect) for place in places]
+    ticks = np.arange(len(places)) + 0.5
+    ax.set_xticks(ticks, labels, rotation=40, ha="right", rotation_mode="anchor")
+    ax.set_yticks(ticks, labels)
+    named = {effect.slot for effect in explanation.effects}
+    for tick, place in zip((*ax.get_xticklabels(), *ax.get_yticklabels()), (*places, *places), strict=True):
+        if screen.candidates[place].slot in named:
+            tick.set_fontweight("bold")
+    ax.set_aspect("equal")
+    ax.invert_yaxis()
+    ax.grid(False)
+    ax.set_title("How alike the effects' traces are (1: not to be told apart)")
+    return mesh
+
+
+def size_by_window(ax: Axes, explanation: Explanation, named: Named) -> None:
+    """An effect's size from each quarter of the record, beside that of the whole."""
+    size = named.slot.effect.parameters[0]
+    value, std = named.values[size.name]
+    windows = named.windows
+    ax.axhspan(value - _NORMAL_95 * std, value + _NORMAL_95 * std, color=SKY, alpha=0.35, lw=0, label="whole record")
+    ax.axhline(value, color=BLUE, lw=1.0)
+    ax.errorbar(
+        windows.days, windows.size, _NORMAL_95 * windows.std, fmt="o", color=GREY, capsize=3, label="each quarter"
+    )
+    ax.axhline(0.0, color=RED, ls="--", lw=1.0, label="none")
+    unit = f" ({size.unit})" if size.unit else " (-)"
+    record = explanation.study.record
+    ax.set(xlabel=DAYS, ylabel=size.name.replace("_", " ") + unit, xlim=(0, record.rows * record.step / _DAY))
+    ax.set_title(f"{explanation.study.label(named.slot.effect)}, 95 %; all the same: p = {windows.p_value:.2g}")
+
+
+def periodogram(values: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """The share of a series' variance below each frequency; missing values count as the mean.
+
+    Arguments:
+        step: s.
+
+    Returns:
+        Frequencies, 1/day, and shares.
+    """
+    there = np.isfinite(values)
+    centred = np.where(there, values - np.mean(values[there]), 0.0) if there.any() else np.zeros(len(values))
+    # without the constant, and without the last that an even length has at half weight
+    power = np.abs(np.fft.rfft(centred)[1 : (len(values) + 1) // 2]) ** 2
+    frequency = np.arange(1, len(power) + 1) / (len(values) * step) * _DAY
+    total = power.sum()
+    return frequency, np.cumsum(power) / total if total > 0 else np.linspace(0.0, 1.0, len(power))
+
+
+def expected_shares(fit: Fit) -> np.ndarray:
+    """The share of the noise's variance below each of `periodogram`'s frequencies, as a fit models it, by sensor.
+
+    (white + lasting AR(rho)) times (the sensor's variance + the faces' through the wall), as in `noise`.
+    """
+    study, noise = fit.study, fit.noise
+    rows = study.record.rows
+    own = np.array([sensor.noise_std for sensor in study.case.sensors])
+    through = np.fft.rfft(impulses(study, fit.theta), axis=1)[:, 1 : (rows + 1) // 2]
+    omega = 2 * np.pi * np.arange(1, through.shape[1] + 1) / rows
+    rho = noise.correlation
+    memory = (1 - rho**2) / (1 - 2 * rho * np.cos(omega) + rho**2)
+    faces = study.record.boundary_noise_std**2 * (np.abs(through) ** 2).sum(axis=0)
+    power = (noise.white + noise.lasting * memory)[:, None] * (own**2 + faces)
+    return np.cumsum(power, axis=0) / power.sum(axis=0)
+
+
+def cumulative_periodogram(ax: Axes, fit: Fit, title: str) -> None:
+    """The remainder's cumulative periodogram by sensor, with the band that white noise keeps to 95 times in 100.
+
+    Noise that remembers, or that came in through the faces, leaves the band as well: dashed lines show what the
+    fit's own noise model expects.
+
+    Source: M. S. Bartlett, An Introduction to Stochastic Processes (1955), 9.23.
+    """
+    step = fit.study.record.step
+    frequency, expected = np.array([]), expected_shares(fit)
+    for s, name in enumerate(_names(fit)):
+        frequency, share = periodogram(fit.remainder[:, s], step)
+        ax.plot(frequency, share, color=colour(s), label=name)
+        ax.plot(frequency, expected[:, s], "--", lw=0.9, color=colour(s))
+    ax.plot([], [], "--", lw=0.9, color=GREY, label="noise as modelled")
+    white = np.linspace(0.0, 1.0, len(frequency) + 1)
+    freedom = max(len(frequency) - 1, 1)
+    # Stephens' correction for few frequencies
+    width = _KOLMOGOROV_95 / (np.sqrt(freedom) + 0.12 + 0.11 / np.sqrt(freedom))
+    at = np.concatenate([[0.0], frequency])
+    ax.fill_between(
+        at, np.clip(white - width, 0, 1), np.clip(white + width, 0, 1), color="0.85", lw=0, label="white noise, 95 %"
+    )
+    ax.set(
+        xlabel="frequency (1/day)", ylabel="share of the variance (-)", xlim=(0, at[-1]), ylim=(0, 1.02), title=title
+    )
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def _with(explanation: Explanation) -> str:
+    """The name of the later model."""
+    count = len(explanation.effects)
+    return "with the effect" if count == 1 else "with the effects"
+
+
+def _names(fit: Fit) -> list[str]:
+    return [sensor.name for sensor in fit.study.case.sensors]
+
+
+def _days(fit: Fit) -> np.ndarray:
+    return np.asarray(fit.study.record.time) / _DAY
+
+
+def _short(value: float) -> str:
+    return f"{value:.3g}"
+
+
+def _folded(label: str, width: int = 16) -> str:
+    """A label in lines of about so many characters."""
+    lines = [""]
+    for word in label.split():
+        if lines[-1] and len(lines[-1]) + len(word) > width:
+            lines.append("")
+        lines[-1] = f"{lines[-1]} {word}".strip()
+    return "\n".join(lines)
+
+
+__all__ = [
+    "colour_limit",
+    "confusability",
+    "confusable_places",
+    "cumulative_periodogram",
+    "expected_shares",
+    "hourly_residual",
+    "periodogram",
+    "ranked_gains",
+    "residual_map",
+    "size_by_window",
+    "waterfall",
+    "waterfall_steps",
+    "week_residuals",
+    "week_temperatures",
+    "worst_week",
+]

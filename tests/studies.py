@@ -1,0 +1,53 @@
+"""Small cases from the independent simulator, as the search for a missing effect sees them; shared by its tests."""
+
+import numpy as np
+from benchmarks.discrepancy import truth
+from benchmarks.discrepancy.truth import Spec
+from wallid.case import load
+from wallid.discrepancy.study import study
+
+# a wall that forgets how it began within hours: L^2 / (pi^2 alpha) = 1.4 h
+SPEC = Spec(
+    length=0.2,
+    diffusivity=8e-7,
+    positions=(0.04, 0.1, 0.15),
+    step=600.0,
+    days=3.0,
+    noise_std=1e-6,
+    boundary_noise_std=1e-6,
+    rounding=0.0,
+    misplaced=False,
+)
+
+
+def prepare(folder, spec=SPEC):
+    """The study of a simulated record, and what is true of it."""
+    record = truth.write_case(spec, folder)
+    return study(load(folder)), record["truth"]
+
+
+def slot_of(study, name, target=None, parameters=()):
+    """The slot of an effect that has at least these parameters; the simplest of several forms."""
+    found = [
+        slot
+        for slot in study.slots
+        if slot.effect.name == name
+        and study.target_name(slot.effect) == target
+        and set(parameters) <= {parameter.name for parameter in slot.effect.parameters}
+    ]
+    return min(found, key=lambda slot: len(slot.indices))
+
+
+def vector(study, diffusivity, effects=()):
+    """The parameters' vector with a diffusivity (m2/s) and effects in, as (name, target, parameters)."""
+    theta = study.neutral.copy()
+    theta[0] = np.log(diffusivity / study.case.wall.diffusivity_prior)
+    for name, target, parameters in effects:
+        parameters = {key: value for key, value in parameters.items() if value is not None}
+        if "hours" in parameters:
+            parameters["start"], parameters["end"] = parameters.pop("hours")
+        slot = slot_of(study, name, target, parameters)
+        for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True):
+            if parameter.name in parameters:
+                theta[index] = parameters[parameter.name]
+    return theta

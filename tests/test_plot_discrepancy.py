@@ -1,0 +1,190 @@
+"""Figures of a diagnosis: the numbers drawn are those of the explanation."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.discrepancy.truth import Spec, write_case
+
+import wallid
+from wallid import figures, plot
+from wallid import plot_discrepancy as drawn
+
+
+@pytest.fixture(scope="module")
+def explanation(tmp_path_factory):
+    """Of ten days in which a sensor lags by 40 minutes, by the independent simulator."""
+    folder = tmp_path_factory.mktemp("hidden")
+    hidden = (("sensor_lag", "T1", {"time_constant": 2400.0}),)
+    write_case(Spec(days=10.0, positions=(0.06, 0.2), effects=hidden), folder)
+    found = wallid.explain(wallid.load(folder))
+    assert found.effects, found
+    return found
+
+
+@pytest.fixture(scope="module")
+def adequate(explanation):
+    """The same, as if nothing had been found beside the plain model."""
+    gap = explanation.gap
+    gap = replace(gap, after=gap.before, held_out_after=gap.held_out_before)
+    return replace(
+        explanation, after=explanation.before, effects=(), left_after=explanation.left_before, rivals=(), gap=gap
+    )
+
+
+@pytest.fixture
+def ax():
+    with plot.style():
+        yield plot.figure()[1]
+
+
+def test_the_waterfall_goes_from_the_plain_model_to_what_is_left(ax, explanation):
+    plot.waterfall(ax, explanation)
+    first, *between, last = ax.patches
+    gap = explanation.gap
+    assert first.get_y() == 0 and first.get_height() == gap.before
+    assert last.get_y() == 0 and last.get_height() == gap.after
+    assert len(between) == len(explanation.effects)
+    ends = [gap.before]
+    for bar in between:
+        assert bar.get_y() == pytest.approx(ends[-1])
+        ends.append(bar.get_y() + bar.get_height())
+    assert ends[-1] == pytest.approx(gap.after)
+    lines = {line.get_label(): line for line in ax.lines}
+    (floor,) = [line for label, line in lines.items() if label.startswith("noise alone")]
+    assert set(floor.get_ydata()) == {gap.floor}
+    assert list(lines["days held out"].get_ydata()) == [gap.held_out_before, gap.held_out_after]
+
+
+def test_effects_without_a_model_between_them_come_in_together(explanation):
+    """Two effects, of which the search has fitted the first alone, or has not."""
+    (one, *_) = explanation.effects
+    other = next(slot for slot in explanation.study.slots if slot.effect.name == "clock_shift")
+    pair = replace(explanation, effects=(one, replace(one, slot=other)), trials=())
+    labels = [pair.study.label(named.slot.effect) for named in pair.effects]
+    assert drawn.waterfall_steps(pair) == [
+        ("plain model", pair.gap.before),
+        (" and ".join(labels), pair.gap.after),
+    ]
+    alone = [trial for trial in explanation.trials if trial.fit.active == (one.slot,)]
+    assert alone
+    steps = drawn.waterfall_steps(replace(pair, trials=tuple(alone)))
+    best = min(alone, key=lambda trial: trial.fit.cost)
+    assert steps[1:] == [(labels[0], best.fit.gap), (labels[1], pair.gap.after)]
+
+
+def test_the_ranked_gains_are_those_of_the_table(ax, explanation):
+    plot.ranked_gains(ax, explanation)
+    rows = [row for row in explanation.table if row.expected > 0][:12]
+    assert [label.get_text() for label in ax.get_yticklabels()] == [row.label for row in rows]
+    points = {}
+    for line in ax.lines:
+        if line.get_label() in ("in the model", "cannot be told from it", "not taken"):
+            points |= dict(zip(line.get_ydata(), line.get_xdata(), strict=True))
+    assert [points[place] for place in range(len(rows))] == [row.expected for row in rows]
+
+
+def test_the_heatmap_is_symmetric_with_ones_on_its_diagonal(ax, explanation):
+    mesh = plot.confusability(ax, explanation)
+    alike = np.asarray(mesh.get_array())
+    assert len(alike) == min(12, len(explanation.table))
+    np.testing.assert_allclose(np.diag(alike), 1.0)
+    np.testing.assert_array_equal(alike, alike.T)
+    assert alike.min() >= 0 and alike.max() <= 1 + 1e-12
+    labels = [label.get_text() for label in ax.get_xticklabels()]
+    assert labels == [row.label for row in explanation.table[: len(labels)]]
+
+
+def test_the_map_shows_the_remainder(ax, explanation):
+    limit = plot.colour_limit(explanation)
+    mesh = plot.residual_map(ax, explanation.after, limit, "after")
+    np.testing.assert_array_equal(np.asarray(mesh.get_array()), explanation.after.remainder.T)
+    assert mesh.get_clim() == (-limit, limit)
+    assert f"{explanation.gap.after:.3g} K" in ax.get_title(loc="left")
+
+
+def test_the_mean_residual_by_hour(ax, explanation):
+    plot.hourly_residual(ax, explanation.before, explanation.left_before.by_hour, "")
+    first = explanation.before.remainder[:, 0].reshape(10, 24)  # whole days from midnight
+    np.testing.assert_allclose(ax.lines[0].get_ydata(), first.mean(axis=0))
+
+
+def test_the_worst_week_is_the_worst(explanation):
+    rest = explanation.before.remainder
+    week = drawn.worst_week(explanation.before)
+    assert week.stop - week.start == 168
+    sizes = [np.sum(rest[first : first + 168] ** 2) for first in range(len(rest) - 167)]
+    assert week.start == int(np.argmax(sizes))
+
+
+def test_sizes_by_window(ax, explanation):
+    named = explanation.effects[0]
+    plot.size_by_window(ax, explanation, named)
+    (bars,) = ax.containers
+    points, _, (errors,) = bars.lines
+    np.testing.assert_array_equal(points.get_ydata(), named.windows.size)
+    half = [np.ptp(segment[:, 1]) / 2 for segment in errors.get_segments()]
+    np.testing.assert_allclose(half, 1.96 * named.windows.std, rtol=1e-3)
+
+
+def test_the_periodogram_of_white_noise_keeps_to_its_band(ax, explanation):
+    """Ninety-five in a hundred, within what 400 draws tell; a daily wave leaves it at one a day."""
+    rng = np.random.default_rng(11)
+    plot.cumulative_periodogram(ax, explanation.before, "")
+    (band,) = ax.collections
+    corners = band.get_paths()[0].vertices
+    frequency, _ = drawn.periodogram(rng.normal(size=240), 3600.0)
+    lower, upper = ([f(corners[corners[:, 0] == x, 1]) for x in frequency[:-1]] for f in (np.min, np.max))
+    inside = 0
+    for _ in range(400):
+        _, share = drawn.periodogram(rng.normal(size=240), 3600.0)
+        inside += bool(np.all((share[:-1] >= lower) & (share[:-1] <= upper)))
+    assert inside / 400 == pytest.approx(0.95, abs=3 * np.sqrt(0.95 * 0.05 / 400))
+    frequency, share = drawn.periodogram(np.sin(2 * np.pi * np.arange(240) / 24), 3600.0)
+    assert share[frequency < 0.99].max() < 1e-12 and share[np.argmin(np.abs(frequency - 1))] > 1 - 1e-12
+
+
+def test_the_noise_expected_is_that_of_the_covariance(explanation):
+    """Rows were not binned here: the fit's own covariance, taken to frequencies, gives the same shares."""
+    fit = explanation.before
+    rows, assumed = fit.study.record.rows, drawn.expected_shares(fit)
+    assert fit.study.bins.rows == 1
+    wave = np.exp(-2j * np.pi * np.outer(np.arange(1, (rows + 1) // 2), np.arange(rows)) / rows)
+    for s in range(fit.study.sensors):
+        own = slice(s * rows, (s + 1) * rows)
+        power = np.einsum("fi,ij,fj->f", wave, fit.noise.covariance[own, own], wave.conj()).real
+        np.testing.assert_allclose(assumed[:, s], np.cumsum(power) / power.sum(), atol=0.02)
+
+
+def test_a_missing_reading_moves_no_frequency():
+    values = np.random.default_rng(5).normal(20.0, 1.0, 240)
+    values[30:60] = np.nan
+    frequency, share = drawn.periodogram(values, 3600.0)
+    assert np.isfinite(share).all() and share[-1] == pytest.approx(1.0) and frequency[0] == pytest.approx(0.1)
+    assert np.isfinite(drawn.periodogram(np.full(240, np.nan), 3600.0)[1]).all()
+
+
+@pytest.mark.parametrize(("found", "panels"), [("explanation", 2), ("adequate", 1)])
+def test_every_figure_is_drawn_with_units_on_its_axes(request, tmp_path, found, panels):
+    explanation = request.getfixturevalue(found)
+    made = dict(figures.diagnosis(explanation))
+    assert set(made) == {"missing", "residuals", "fit", "confusable", "periodogram"} | (
+        {"windows"} if explanation.effects else set()
+    )
+    assert len(made["periodogram"].axes) == panels
+    for stem, figure in made.items():
+        figure.savefig(tmp_path / f"{stem}.png")
+        for ax in figure.axes:
+            for label, ticks in ((ax.get_xlabel(), ax.get_xticklabels()), (ax.get_ylabel(), ax.get_yticklabels())):
+                named = any(tick.get_text() and not tick.get_text()[0].isdigit() for tick in ticks)
+                assert "(" in label or "day" in label or named or not ticks, (stem, ax)
+
+
+def test_where_nothing_was_added_there_is_one_model(adequate):
+    _, axes = plot.figure(1, 3)
+    plot.waterfall(axes[0], adequate)
+    assert len(axes[0].patches) == 1
+    plot.week_temperatures(axes[1], adequate, 0)
+    assert [line.get_label() for line in axes[1].lines] == ["measured", "plain model"]
+    plot.week_residuals(axes[2], adequate, 0)
+    assert len(axes[2].lines) == 2  # and the zero
