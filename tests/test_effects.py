@@ -129,7 +129,7 @@ def test_only_what_changes_with_temperature_or_time_is_not_linear():
 
 @pytest.mark.parametrize("rain", [(), (0.4 * DAY, 2.0 * DAY)])
 def test_the_scan_stays_within_the_bounds(rain):
-    search = Search(places=(0.05, 0.08, 0.1, 0.12, 0.15), duration=5 * DAY, rain=rain, coldest=-4.0, warmest=21.0)
+    search = Search(places=(0.05, 0.08, 0.1, 0.12, 0.15), length=0.2, duration=5 * DAY, rain=rain, coldest=-4.0, warmest=21.0)
     for effect in library(2, REGRESSORS):
         grid = list(effect.scan(search))
         assert len({tuple(values.items()) for values in grid}) == len(grid) > 0
@@ -561,6 +561,8 @@ def test_the_first_order_of_effects_that_are_not_linear(plain):
         parameter = slot.effect.parameters[0]
         sided = parameter.least == 0.0
         want = difference(study, row, direction, 1e-2 * parameter.scale, False, sided=sided)
+        # without the first two hours, in which the film makes a kink that steps of 10 min do not resolve
+        column, want = (part.reshape(study.sensors, -1)[:, 12:] for part in (column, want))
         assert np.linalg.norm(column - want) < 6e-3 * np.linalg.norm(want), study.label(slot.effect)
 
 

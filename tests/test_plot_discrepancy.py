@@ -104,8 +104,8 @@ def test_the_map_shows_the_remainder(ax, explanation):
 
 
 def test_the_mean_residual_by_hour(ax, explanation):
-    plot.hourly_residual(ax, explanation.before, explanation.left_before.by_hour, "")
-    first = explanation.before.remainder[:, 0].reshape(10, 24)  # whole days from midnight
+    plot.hourly_residual(ax, explanation.after, explanation.left_after.by_hour, "")
+    first = explanation.after.remainder[:, 0].reshape(10, 24)  # whole days from midnight
     np.testing.assert_allclose(ax.lines[0].get_ydata(), first.mean(axis=0))
 
 

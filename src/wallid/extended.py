@@ -182,7 +182,7 @@ class Modes(eqx.Module):
     ) -> Float[Array, "time mode"]:
         """The modes at each row, driven by polynomials between rows; exact."""
         E, *phis = phi_functions(step * self.poles, most=drive.shape[1])
-        driven = sum(drive[:, j] * (step * math.factorial(j) * phi) for j, phi in enumerate(phis))
+        driven = sum((drive[:, j] * (step * math.factorial(j) * phi) for j, phi in enumerate(phis)), jnp.zeros(()))
 
         def advance(m: Array, driven: Array) -> tuple[Array, Array]:
             m = E * m + driven
@@ -324,24 +324,25 @@ class LinearlyImplicit(diffrax.AbstractSolver):
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         """One step from t0 to t1."""
         flow: _Nonlinear = getattr(terms, "term", terms).vector_field
-        h, gamma = t1 - t0, 1.0 - 1.0 / math.sqrt(2.0)
+        start, end = jnp.asarray(t0), jnp.asarray(t1)
+        h, gamma = end - start, 1.0 - 1.0 / math.sqrt(2.0)
         # just inside the step: at a row itself the courses may jump
-        q0, q0_rate = flow.inputs(t0 + 1e-6 * h)
-        q1, _ = flow.inputs(t1 - 1e-6 * h)
-        lower, diagonal, upper = matrix = flow.coefficients(t0, y0, q0)
+        q0, q0_rate = flow.inputs(start + 1e-6 * h)
+        q1, _ = flow.inputs(end - 1e-6 * h)
+        lower, diagonal, upper = matrix = flow.coefficients(start, y0, q0)
 
         def solve(right: Array) -> Array:
-            below, beside, above = -gamma * h * lower, 1.0 - gamma * h * diagonal, -gamma * h * upper
+            below, beside, above = (jnp.asarray(-gamma * h * part) for part in (lower, diagonal, upper))
             # the first and last of these belong to the faces
             return jax.lax.linalg.tridiagonal_solve(
-                below.at[0].set(0.0), beside, above.at[-1].set(0.0), right[:, None]
+                below.at[0].set(0.0), 1.0 + beside, above.at[-1].set(0.0), right[:, None]
             )[:, 0]
 
         inward = jnp.zeros_like(y0).at[0].add(lower[0] * q0_rate[0]).at[-1].add(upper[-1] * q0_rate[1])
         drive = gamma * h * (inward + flow.wall.other @ q0_rate[2:])
         k1 = solve(flow.rate(matrix, y0, q0) + drive)
         ahead = y0 + h * k1
-        k2 = solve(flow.rate(flow.coefficients(t1, ahead, q1), ahead, q1) - 2.0 * k1 - drive)
+        k2 = solve(flow.rate(flow.coefficients(end, ahead, q1), ahead, q1) - 2.0 * k1 - drive)
         y1 = y0 + 0.5 * h * (3.0 * k1 + k2)
         return y1, None, {"y0": y0, "y1": y1}, None, diffrax.RESULTS.successful
 
@@ -501,7 +502,7 @@ def _lagged(value: Array, rate: Array, lag: Array, step: Array) -> Array:
         jnp.where(quick, near, pace * math.factorial(j) * phi)
         for j, (near, phi) in enumerate(zip(short, phis, strict=True))
     ]
-    drive = sum(cubics[:, j] * weight for j, weight in enumerate(weights))
+    drive = sum((cubics[:, j] * weight for j, weight in enumerate(weights)), jnp.zeros(()))
 
     def follow(y: Array, driven: Array) -> tuple[Array, Array]:
         y = keep * y + driven

@@ -64,6 +64,8 @@ def figures(run: Run) -> Iterator[tuple[str, Figure]]:
 def _record_figure(run: Run) -> Figure:
     made, ax = plot.figure(height=3.2)
     window = run.fit.window if run.fit else run.design.best if run.design else None
+    if window is None and run.explanation is not None and run.case.choices.diagnose_days is not None:
+        window = Window(0, run.explanation.study.record.rows)
     plot.record(ax, run.case, window)
     return made
 
@@ -143,9 +145,12 @@ def _residuals_figure(explanation: Explanation) -> Figure:
     limit = plot.colour_limit(explanation)
     for column, (title, fit, left) in zip(axes.T, shown, strict=True):
         plot.residual_map(column[0], fit, limit, title)
+        if column[1] is not axes[1, 0]:
+            column[1].sharey(axes[1, 0])
         plot.hourly_residual(column[1], fit, left.by_hour, f"{title}: by hour of the day")
-        column[1].sharey(axes[1, 0])
-    made.colorbar(axes[0, 0].collections[0], ax=list(axes[0]), label="measured minus simulated (K)", extend="both")
+    made.colorbar(
+        axes[0, 0].collections[0], ax=list(axes[0]), label="measured minus simulated (K)", extend="both", pad=0.01
+    )
     made.legend(*axes[1, 0].get_legend_handles_labels(), loc="outside lower center", ncols=8)
     return made
 
@@ -155,8 +160,9 @@ def _week_figure(explanation: Explanation) -> Figure:
     made, axes = plot.figure(sensors, 2, width=10.0, height=2.2)
     for s, row in enumerate(np.reshape(axes, (sensors, 2))):
         plot.week_temperatures(row[0], explanation, s)
+        if s > 0:
+            row[1].sharey(np.ravel(axes)[1])  # to see which sensor misses most
         plot.week_residuals(row[1], explanation, s)
-        row[1].sharey(np.ravel(axes)[1])  # to see which sensor misses most
     handles, labels = np.ravel(axes)[0].get_legend_handles_labels()
     made.legend(handles, labels, loc="outside lower center", ncols=3)
     return made

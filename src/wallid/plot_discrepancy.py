@@ -156,8 +156,14 @@ def waterfall(ax: Axes, explanation: Explanation) -> None:
         ax.plot(*zip(*seen, strict=True), "D", ms=5, mfc="white", color=ORANGE, ls="none", label="days held out")
     ax.set_xticks(range(len(bars)), [_folded(label) for label, *_ in bars])
     highest = max([gap.before, gap.after, gap.floor, *(value for _, value in seen)])
-    ax.set(ylabel="rms of measured minus simulated (K)", ylim=(0, 1.35 * highest), xlim=(-0.6, len(bars) - 0.4))
-    ax.set_title("How far the gap shrinks" if explanation.verdict != "unnamed" else "No known effect closes the gap")
+    beside = max(0.6, 1.5 - 0.5 * (len(bars) - 1))  # one bar alone would be a wall
+    ax.set(
+        ylabel="rms of measured minus simulated (K)", ylim=(0, 1.35 * highest), xlim=(-beside, len(bars) - 1 + beside)
+    )
+    if explanation.verdict == "unnamed":
+        ax.set_title("No known effect closes the gap")
+    else:
+        ax.set_title("How far the gap shrinks" if explanation.after.active else "The gap")
     ax.grid(False, axis="x")
     ax.legend(loc="upper right", ncols=2)
 
@@ -321,7 +327,7 @@ def _short(value: float) -> str:
 def _folded(label: str, width: int = 16) -> str:
     """A label in lines of about so many characters."""
     lines = [""]
-    for word in label.split():
+    for word in label.replace(" of ", " of\N{NO-BREAK SPACE}").split(" "):  # a target stays with its "of"
         if lines[-1] and len(lines[-1]) + len(word) > width:
             lines.append("")
         lines[-1] = f"{lines[-1]} {word}".strip()

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
 from .extend import Fit, refit, whiten_part
@@ -47,10 +48,11 @@ class Gap:
 def compare(before: Fit, after: Fit) -> Gap:
     """The gap of two models, on all rows and on days held out."""
     held = held_out(after.study)
-    outside = [None, None] if held is None else [_gap_outside(fit, held) for fit in (before, after)]
-    if after is before:
-        outside[1] = outside[0]
-    return Gap(before.gap, after.gap, after.noise.floor, outside[0], outside[1])
+    if held is None:
+        return Gap(before.gap, after.gap, after.noise.floor, None, None)
+    outside_before = _gap_outside(before, held)
+    outside_after = outside_before if after is before else _gap_outside(after, held)
+    return Gap(before.gap, after.gap, after.noise.floor, outside_before, outside_after)
 
 
 def held_out(study: Study) -> np.ndarray | None:
@@ -119,8 +121,8 @@ def windows(fit: Fit, slot: Slot) -> Windows:
     place = fit.free.index(slot.first)
     readings = len(noise.whiten)
     bins = readings // study.sensors
-    J = np.linalg.solve(noise.whiten, fit.jacobian[:readings])
-    r = np.linalg.solve(noise.whiten, fit.residual[:readings])
+    J = solve_triangular(noise.whiten, fit.jacobian[:readings], lower=True)
+    r = solve_triangular(noise.whiten, fit.residual[:readings], lower=True)
     prior = 1.0 / (_OTHERS * np.sqrt(np.diag(fit.covariance)))
     prior[place] = 0.0
     edges = np.linspace(0, bins, _WINDOWS + 1).astype(int)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from ..case import Case
 from .compare import compare, cost_outside, windows
@@ -14,7 +15,7 @@ from .extend import Fit, refit
 from .locate import locate
 from .noise import NoiseModel, estimate_noise
 from .rank import Outlook, Screen, look, screen
-from .study import Slot, Study, study
+from .study import Slot, Study, compile_together, study
 
 FURTHER = 0.01
 """How often chance may make a further one, or a pair where no single effect stands out."""
@@ -45,22 +46,22 @@ def explain(case: Case, *, progress: Progress = lambda stage, share: None) -> Ex
         InputError: a case without an inner sensor, or without a reading.
         RuntimeError: 64-bit floats are switched off.
     """
-    progress("diagnose: the plain model", 0.0)
+    progress("diagnose: compiling the models", 0.0)
     search = _Search(study(case))
+    compile_together(search.study)
+    progress("diagnose: the plain model", 0.35)
     plain = search.plain()
-    progress("diagnose: locate what it leaves", 0.3)
-    left = locate(plain)
-    progress("diagnose: rank every effect and pair", 0.35)
+    progress("diagnose: rank every effect and pair", 0.5)
     first = search.screen(plain)
-    chosen = search.first(plain, first, lambda share: progress("diagnose: extend and fit again", 0.4 + 0.2 * share))
-    best = search.further(chosen, lambda share: progress("diagnose: what is left to add", 0.6 + 0.2 * share))
-    progress("diagnose: rivals", 0.8)
+    chosen = search.first(plain, first, lambda share: progress("diagnose: extend and fit again", 0.55 + 0.15 * share))
+    best = search.further(chosen, lambda share: progress("diagnose: what is left to add", 0.7 + 0.15 * share))
+    progress("diagnose: rivals", 0.85)
     effects = search.named(best)
     progress("diagnose: compare on days held out", 0.9)
     if best.active:  # both under the noise that the better model shows
         plain = refit(search.study, (), plain.theta, best.noise)
     gap = compare(plain, best)
-    after = locate(best)
+    left, after = locate(plain), locate(best)
     progress("done", 1.0)
     return Explanation(
         study=search.study,
@@ -96,8 +97,8 @@ class _Search:
         """The same model under the noise that it shows beside every direction of the library."""
         study = self.study
         readings = len(fit.noise.whiten)
-        free = np.linalg.solve(fit.noise.whiten, fit.jacobian[:readings]).T
-        gap = np.linalg.solve(fit.noise.whiten, fit.residual[:readings])
+        free = solve_triangular(fit.noise.whiten, fit.jacobian[:readings], lower=True).T
+        gap = solve_triangular(fit.noise.whiten, fit.residual[:readings], lower=True)
         directions = np.concatenate([self.look(fit).columns, free])
         noise = estimate_noise(NoiseModel(study, fit.theta), gap, directions)
         return refit(study, fit.active, fit.theta, noise)
@@ -126,6 +127,10 @@ class _Search:
         step |= {i: m for i, m in zip(base.free, move, strict=True) if i in step}
         for k, value in zip(chosen, size, strict=True):
             step[screened.candidates[k].slot.first] = value
+        moved = dict(zip(base.free, move, strict=True))
+        for error, slot in study.replaced(active):
+            if slot not in base.active:
+                step[slot.first] += moved.get(error, 0.0)
         made = refit(study, active, theta, base.noise, step=np.array(list(step.values())))
         self.trials.append(Trial(base, made, float(_joint_gain(screened, chosen))))
         return made

@@ -125,7 +125,8 @@ class Row:
         gain = "" if self.gain is None else f"{self.gain:.0f}"
         size = f"{self.size:.3g} +- {self.std:.1g} {self.unit}".rstrip()
         like = f" (like {', '.join(self.rivals[:2])})" if self.rivals else ""
-        return f"{self.label:<36} {self.expected:8.0f} {gain:>7}  {size:<28} {100 * self.shift:+6.1f} %  {self.reason}{like}"
+        numbers = f"{self.expected:8.0f} {gain:>7}  {size:<28} {100 * self.shift:+6.1f} %"
+        return f"{self.label:<36} {numbers}  {self.reason}{like}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,8 +266,8 @@ class Explanation:
             else f" and the held-out gap from {gap.held_out_before:.3g} to {gap.held_out_after:.3g} K"
         )
         text = (
-            f"{named[:1].upper()}{named[1:]} {verb} missing; with it the diffusivity goes from {before.diffusivity:.4g} "
-            f"to {after.diffusivity:.4g} m2/s{held}, floor {gap.floor:.3g} K."
+            f"{named[:1].upper()}{named[1:]} {verb} missing; with it the diffusivity goes from "
+            f"{before.diffusivity:.4g} to {after.diffusivity:.4g} m2/s{held}, floor {gap.floor:.3g} K."
         )
         if len(self.effects) > 1:
             text = text.replace("; with it ", "; with them ")
@@ -305,7 +306,8 @@ class Explanation:
             lines.append(f"effect       {study.label(named.slot.effect)}: {values}")
             lines.append(
                 f"             -2 log L drops by {named.gain:.1f} ({named.expected:.1f} expected), "
-                f"p <= {named.p_value:.2g}; by windows {_list(named.windows.size)} (same: p = {named.windows.p_value:.2g})"
+                f"p <= {named.p_value:.2g}; by windows {_list(named.windows.size)} "
+                f"(same: p = {named.windows.p_value:.2g})"
             )
         lines.append("ranked       expected gain, gain, size, shift of the diffusivity, what looks like it")
         for row in self.table[:_TOP]:
@@ -343,6 +345,12 @@ class Explanation:
                     "expected_gain": named.expected,
                     "gain": named.gain,
                     "p_value": named.p_value,
+                    "windows": {
+                        "days": named.windows.days,
+                        "size": named.windows.size,
+                        "std": named.windows.std,
+                        "p_value": named.windows.p_value,
+                    },
                 }
                 for named in told
             ],

@@ -122,6 +122,9 @@ def refit(
     free = study.free(active)
     whiten = noise.whiten if used is None else whiten_part(noise, np.flatnonzero(used))
     begin = theta.copy()
+    for error, slot in study.replaced(active):  # what the error had found is the effect's to explain
+        begin[slot.first] += begin[error]
+        begin[error] = 0.0
     if step is not None:
         step = step.copy()
         step[0] = np.clip(step[0], -_LONGEST_STEP, _LONGEST_STEP)

@@ -16,7 +16,7 @@ Source: P. Whittle, Ark. Mat. 2 (1953), 423; D. A. Harville, J. Am. Stat. Assoc.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.fft import dct
@@ -29,6 +29,8 @@ _LEAST_SHARE = 0.3  # a frequency of which the directions taken out leave less s
 _RANK = 1e-4  # of the directions taken out, relative to the largest after whitening
 _SPREAD = 1.0  # of ln(total variance / stated): how far the stated noise may be off
 _LONGEST = 0.98  # autocorrelation from row to row
+_SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+_CORRELATIONS = (0.3, 0.5, 0.6, 0.7, 0.76, 0.82, 0.86, 0.89, 0.92, 0.95, 0.97)
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,7 @@ class Noise:
         white, lasting: variances over the stated ones, of the white and of the autocorrelated part.
         correlation: of the latter, from row to row.
         whiten: W, lower triangular, with `W' W` the inverse covariance of the binned readings.
+        spread: standard deviation of ln(the power of slow noise), by which tests allow for its estimate.
         floor: what noise alone would leave at the rows, root mean square, K.
         parts: whitenings of some of the readings, made once.
     """
@@ -49,6 +52,7 @@ class Noise:
     whiten: np.ndarray = field(repr=False)
     covariance: np.ndarray = field(repr=False)
     floor: float
+    spread: float = 0.0
     parts: dict[bytes, np.ndarray] = field(default_factory=dict, repr=False)
 
     def __str__(self) -> str:
@@ -151,42 +155,72 @@ def estimate_noise(model: NoiseModel, residual: np.ndarray, directions: np.ndarr
         residual: of the binned readings, K, 0 where missing.
         directions: what an effect or a free parameter would add, `(direction, reading)`.
     """
-    sensors, n = model.study.sensors, model.count
-    present = np.asarray(model.study.bins.counts()).T > 0  # (sensor, bin)
-
-    def transform(values: np.ndarray) -> np.ndarray:
-        shaped = values.reshape(*values.shape[:-1], sensors, n)
-        return dct(shaped, type=2, norm="ortho", axis=-1).reshape(*values.shape[:-1], -1)
-
-    r = transform(residual)
-    X = transform(directions)
-    X = X / np.maximum(np.linalg.norm(X, axis=1, keepdims=True), 1e-300)
-    share = present.mean(axis=1).clip(0.05)  # a sensor that is often missing shows less noise at each frequency
-    sizes = (1.0, 0.0, 0.8)
+    likelihood = _Whittle(model, residual, directions)
+    grid = [(lasting, rho) for lasting in _SHARES for rho in _CORRELATIONS]
+    sizes, costs = (1.0, 0.0, 0.8), np.zeros(len(grid))
     for _ in range(2):
-        density = (model.density(*sizes) * share).T.reshape(-1)
-        u, size, _ = np.linalg.svd((X / np.sqrt(density)).T, full_matrices=False)
+        likelihood.take_out(sizes)
+        costs = np.array([likelihood.cost(*point)[0] for point in grid])
+        found = minimize(
+            lambda y: likelihood.cost(*y)[0],
+            np.array(grid[int(np.argmin(costs))]),
+            method="Nelder-Mead",
+            options={"xatol": 1e-3, "fatol": 1e-2, "maxfev": 120},
+        )
+        lasting, rho = (float(y) for y in found.x)
+        total = float(np.exp(likelihood.cost(lasting, rho)[1]))
+        sizes = (total * (1 - lasting), total * lasting, rho)
+    # how well the record tells the power of slow noise, in which effects are looked for
+    chance = np.exp(-0.5 * (costs - costs.min()))
+    slow = np.array([_slow(*point, likelihood.cost(*point)[1]) for point in grid])
+    mean = (chance @ slow) / chance.sum()
+    variance = (chance @ (slow - mean) ** 2) / chance.sum() + 2.0 / likelihood.weight.sum()
+    return replace(model.noise(*sizes), spread=float(np.sqrt(variance)))
+
+
+def _slow(lasting: float, rho: float, log_total: float) -> float:
+    """The logarithm of the noise's power at frequencies well under one a row."""
+    return float(log_total + np.log(1.0 - lasting + lasting * (1.0 + rho) / (1.0 - rho)))
+
+
+class _Whittle:
+    """Whittle's likelihood of a residual beside some directions."""
+
+    def __init__(self, model: NoiseModel, residual: np.ndarray, directions: np.ndarray):
+        self.model = model
+        present = np.asarray(model.study.bins.counts()).T > 0  # (sensor, bin)
+        self.share = present.mean(axis=1).clip(0.05)  # a sensor often missing shows less noise at each frequency
+        self.residual = self._transform(residual)
+        X = self._transform(directions)
+        self.directions = X / np.maximum(np.linalg.norm(X, axis=1, keepdims=True), 1e-300)
+
+    def _transform(self, values: np.ndarray) -> np.ndarray:
+        """Cosine coefficients, sensor by sensor."""
+        shaped = values.reshape(*values.shape[:-1], self.model.study.sensors, self.model.count)
+        return np.asarray(dct(shaped, type=2, norm="ortho", axis=-1)).reshape(*values.shape[:-1], -1)
+
+    def _density(self, white: float, lasting: float, rho: float) -> np.ndarray:
+        return (self.model.density(white, lasting, rho) * self.share).T.reshape(-1)
+
+    def take_out(self, sizes: tuple[float, float, float]) -> None:
+        """Take the directions out, by least squares under noise of these sizes."""
+        density = self._density(*sizes)
+        u, size, _ = np.linalg.svd((self.directions / np.sqrt(density)).T, full_matrices=False)
         basis = u[:, size > _RANK * size[0]]
-        white = r / np.sqrt(density)
+        white = self.residual / np.sqrt(density)
         left = white - basis @ (basis.T @ white)
         remaining = 1.0 - (basis**2).sum(axis=1)
-        use = remaining > _LEAST_SHARE
-        power = left[use] ** 2 * density[use] / remaining[use]
-        weight = remaining[use]
+        self.use = remaining > _LEAST_SHARE
+        self.weight = remaining[self.use]
+        self.power = left[self.use] ** 2 * density[self.use] / self.weight
 
-        def cost(y: np.ndarray) -> float:
-            if y[0] > 8 or y[0] < -8 or not 0.0 <= y[1] <= 1.0 or not 0.0 <= y[2] <= _LONGEST:
-                return 1e12
-            total = np.exp(y[0])
-            here = (model.density(total * (1 - y[1]), total * y[1], y[2]) * share).T.reshape(-1)[use]  # noqa: B023
-            return float(np.sum(weight * (np.log(here) + power / here))) + (y[0] / _SPREAD) ** 2  # noqa: B023
-
-        starts = [(0.0, 0.02, 0.8), (0.0, 0.5, 0.9), (0.0, 0.9, 0.6), (0.0, 0.9, 0.9)]
-        tries = [
-            minimize(cost, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-2, "maxfev": 250})
-            for start in starts
-        ]
-        best = min(tries, key=lambda found: found.fun)
-        total, lasting, rho = float(np.exp(best.x[0])), float(best.x[1]), float(best.x[2])
-        sizes = (total * (1 - lasting), total * lasting, rho)
-    return model.noise(*sizes)
+    def cost(self, lasting: float, rho: float) -> tuple[float, float]:
+        """`-2 log L` at the best total variance, and that variance's logarithm."""
+        if not (0.0 <= lasting <= 1.0 and 0.0 <= rho <= _LONGEST):
+            return 1e12, 0.0
+        shape = self._density(1.0 - lasting, lasting, rho)[self.use]
+        count = self.weight.sum()
+        total = np.log(self.weight @ (self.power / shape) / count)
+        total *= 1.0 - 1.0 / (1.0 + 0.5 * count * _SPREAD**2)
+        least = self.weight @ (np.log(shape) + total + self.power / shape * np.exp(-total))
+        return float(least + (total / _SPREAD) ** 2), float(total)

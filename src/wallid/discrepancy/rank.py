@@ -7,7 +7,8 @@ further rows), and `z = (I - Q Q') W df/dphi` of an effect's size::
 
 and for a pair with normalised scores s_i, s_j and cosine c: `(s_i^2 + s_j^2 - 2 c s_i s_j) / (1 - c^2)`. Under
 a model from which nothing is missing the scores are normal with the cosines as covariance: draws of them
-give the largest score that chance alone makes in the whole library.
+give the largest score that chance alone makes in the whole library. Each draw has a noise of its own, as far as
+the record leaves its power open.
 
 Source: C. R. Rao, Proc. Camb. Phil. Soc. 44 (1948), 50 (the score test).
 """
@@ -93,6 +94,7 @@ class Screen:
     def _largest(self) -> np.ndarray:
         """The largest gain that chance makes, per draw, sorted."""
         draws = self._draw(DRAWS)
+        draws = draws * np.exp(0.5 * self.base.noise.spread * self.random.standard_normal((DRAWS, 1)))
         return np.sort(np.where(self.signs * draws < 0, 0.0, draws**2).max(axis=1, initial=0.0))
 
     def _draw(self, count: int) -> np.ndarray:

@@ -8,6 +8,8 @@ values, at which the model is the plain one exactly. So one compiled model serve
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -19,7 +21,7 @@ from jaxtyping import Array, Float
 from scipy.interpolate import PchipInterpolator
 
 from ..case import Case
-from ..effects import AbstractEffect, Campaign, Search, Terms, library, record_search
+from ..effects import AIRS, SIDES, AbstractEffect, Campaign, Search, Terms, library, record_search
 from ..extended import LONGEST_SUBSTEP, first_order, respond
 from ..lom import wall_cells
 from ..record import Record
@@ -119,11 +121,11 @@ def columns(
     Returns:
         `(column, reading)`.
     """
-    count = len(theta)
+    count, first = len(theta), first_order
     # whole chunks only, so that nothing is compiled anew for another number of columns
     padded = [np.concatenate([part, np.repeat(part[-1:], -count % _CHUNK, axis=0)]) for part in (theta, direction)]
     chunks = [
-        _columns(model, bins, *(jnp.asarray(part[at : at + _CHUNK]) for part in padded), first_order)
+        _columns(model, bins, jnp.asarray(padded[0][at : at + _CHUNK]), jnp.asarray(padded[1][at : at + _CHUNK]), first)
         for at in range(0, len(padded[0]), _CHUNK)
     ]
     return np.concatenate([np.asarray(chunk) for chunk in chunks])[:count]
@@ -193,6 +195,33 @@ def _linearise(
         return jax.jvp(lambda t: bins.mean(model.predict(t, linear=linear)), (theta,), (direction,))
 
     return jax.vmap(along, out_axes=(None, 0))(directions)
+
+
+_compiled: set[tuple[object, ...]] = set()
+
+
+def compile_together(study: Study) -> None:
+    """Compile what every search needs side by side: a person waits for the sum otherwise.
+
+    Does nothing where records of this shape have been searched before.
+    """
+    shape = (study.record.rows, study.sensors, study.model.substeps, tuple(type(s.effect) for s in study.slots))
+    if shape in _compiled:
+        return
+    theta = study.neutral
+    many, directions = np.tile(theta, (_CHUNK, 1)), np.eye(study.size)[:_CHUNK]
+    free = np.zeros((study.most_free, study.size))
+    work = (
+        lambda: columns(study.model, study.bins, many, directions),
+        lambda: linearise(study.model, study.bins, theta, free, linear=True),
+        lambda: columns(study.model, study.bins, many, directions, first_order=True),
+        lambda: impulses(study, theta),
+        lambda: predict(study.model, jnp.asarray(theta), True),
+    )
+    with ThreadPoolExecutor(min(len(work), os.cpu_count() or 1)) as pool:
+        for done in [pool.submit(one) for one in work]:
+            done.result()
+    _compiled.add(shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,15 +324,20 @@ class Study:
                     theta[index] = first.get(parameter.name, default)
         return theta
 
+    def replaced(self, active: tuple[Slot, ...]) -> list[tuple[int, Slot]]:
+        """The errors within a sensor's accuracy that an effect stands for without a prior, by index."""
+        kinds = {"sensor_position": self.positions, "sensor_offset": self.offsets}
+        return [
+            (kinds[slot.effect.name][slot.effect.target], slot)
+            for slot in active
+            if slot.effect.name in kinds and isinstance(slot.effect.target, int)
+        ]
+
     def free(self, active: tuple[Slot, ...]) -> list[int]:
-        """What a fit with these effects moves. A sensor's position or offset as an effect replaces the error."""
-        replaced = {(slot.effect.name, slot.effect.target) for slot in active}
-        found = [0, *self.profile]
-        for s, sensor in enumerate(self.case.sensors):
-            if sensor.position_std > 0 and ("sensor_position", s) not in replaced:
-                found.append(self.positions[s])
-            if sensor.offset_std > 0 and ("sensor_offset", s) not in replaced:
-                found.append(self.offsets[s])
+        """What a fit with these effects moves: an error with a prior only where no effect stands for it."""
+        replaced = {error for error, _ in self.replaced(active)}
+        errors = [*self.positions, *self.offsets]
+        found = [0, *self.profile, *(i for i in errors if self.prior_width[i] > 0 and i not in replaced)]
         return [*found, *(index for slot in active for index in slot.indices)]
 
     @cached_property
@@ -325,6 +359,12 @@ class Study:
         target = self.target_name(effect)
         words = effect.name.replace("_", " ")
         words = f"{words} ({effect.variant})" if effect.variant else words
+        if effect.name.startswith("face_"):
+            return f"{words.removeprefix('face ')} of the {target} face"
+        if target in SIDES:
+            return f"{words} of the {target} face"
+        if target in AIRS:
+            return f"{words} to {target} air"
         return words if target is None else f"{words} of {target}"
 
 

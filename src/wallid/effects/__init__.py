@@ -1,7 +1,7 @@
 """The effects that may be missing from the plain model; see `base.py` for how they compose."""
 
 from .base import AbstractEffect, Campaign, Parameter, Search, Step, Terms, Wetting, record_search
-from .boundary import FaceDepth, FaceLag, FaceOffset, SolarGain, SurfaceFilm
+from .boundary import SIDES, FaceDepth, FaceLag, FaceOffset, SolarGain, SurfaceFilm
 from .library import LIBRARY, library, untestable
 from .material import (
     ContactResistance,
@@ -16,6 +16,7 @@ from .material import (
 )
 from .sensor import ClockShift, SensorDrift, SensorGain, SensorLag, SensorOffset, SensorPosition
 from .source import (
+    AIRS,
     AirFlow,
     HeatedSource,
     HourlySource,
@@ -26,7 +27,9 @@ from .source import (
 )
 
 __all__ = [
+    "AIRS",
     "LIBRARY",
+    "SIDES",
     "AbstractEffect",
     "AirFlow",
     "Campaign",

@@ -231,8 +231,8 @@ class AbstractEffect(eqx.Module):
     wall stays linear and its coefficients constant in time), `needs` (regressors).
     """
 
-    name: eqx.AbstractClassVar[str]
-    parameters: eqx.AbstractClassVar[tuple[Parameter, ...]]
+    name: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
     linear: ClassVar[bool] = True
     needs: ClassVar[tuple[str, ...]] = ()
 

@@ -53,7 +53,8 @@ LIBRARY: tuple[type[AbstractEffect], ...] = (*_PER_SENSOR, *_PER_FACE, LateralLo
 
 def _every(sensors: int) -> list[AbstractEffect]:
     """Every effect at every target, neutral."""
-    found: list[AbstractEffect] = [kind(sensor=sensor) for kind in _PER_SENSOR for sensor in range(sensors)]
+    found: list[AbstractEffect] = []
+    found += [kind(sensor=sensor) for kind in _PER_SENSOR for sensor in range(sensors)]
     found += [kind(side=side) for kind in _PER_FACE for side in SIDES]
     found += [LateralLoss(air=air) for air in AIRS]
     found += [kind() for kind in _WHOLE]

@@ -1,0 +1,208 @@
+"""The noise's covariance against its definition, and its size found in residuals drawn by NumPy."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from benchmarks.discrepancy import truth
+from numpy.testing import assert_allclose
+from scipy.linalg import toeplitz
+from studies import SPEC, prepare, vector
+from wallid.discrepancy.noise import Noise, NoiseModel, estimate_noise
+from wallid.discrepancy.study import Bins, predict
+
+HOURLY = replace(
+    SPEC, step=3600.0, days=12.0, positions=(0.04, 0.13), noise_std=0.05, boundary_noise_std=0.08, noise_seed=3
+)
+
+
+@pytest.fixture(scope="module")
+def hourly(tmp_path_factory):
+    study, _ = prepare(tmp_path_factory.mktemp("hourly"), HOURLY)
+    theta = vector(study, HOURLY.diffusivity)
+    return study, theta, NoiseModel(study, theta)
+
+
+def binned(study, rows, present=None):
+    """The same study with its readings put together, or some of them missing."""
+    here = np.asarray(study.bins.present) if present is None else present
+    return replace(study, bins=Bins(study.bins.observed * here, jnp.asarray(here, dtype=float), rows))
+
+
+def dense(model, white, lasting, rho):
+    """The covariance of the rows, sensor by sensor: every sensor's own noise, and each face's through the wall."""
+    rows, sensors = model.response.shape[1:]
+    C = lasting * rho ** np.abs(np.subtract.outer(np.arange(rows), np.arange(rows))) + white * np.eye(rows)
+    R = np.kron(np.diag(np.square([0.05] * sensors)), C)
+    for face in (0, 1):
+        H = np.concatenate([np.tril(toeplitz(model.response[face, :, s])) for s in range(sensors)])
+        R += 0.08**2 * H @ C @ H.T
+    return R
+
+
+def means(present, rows):
+    """The matrix of the bins' means over the rows present, sensor by sensor; zero where there is none."""
+    total, sensors = present.shape
+    count = -(-total // rows)
+    M = np.zeros((sensors * count, sensors * total))
+    for s in range(sensors):
+        for row in range(total):
+            M[s * count + row // rows, s * total + row] = present[row, s]
+    return M / np.maximum(M.sum(axis=1, keepdims=True), 1.0)
+
+
+def test_an_error_of_a_face_answers_as_a_change_of_its_reading(hourly):
+    """A straight line up to a row and down from it, added to the faces' courses anywhere, is the response moved."""
+    study, theta, model = hourly
+    for face, row in ((0, 40), (1, 7)):
+        faces = np.zeros(study.model.campaign.faces.shape)
+        faces[row - 1, 1, face] = 1.0
+        faces[row, :2, face] = 1.0, -1.0
+        moved = eqx.tree_at(lambda m: m.campaign.faces, study.model, study.model.campaign.faces + faces)
+        change = np.asarray(predict(moved, jnp.asarray(theta), True) - predict(study.model, jnp.asarray(theta), True))
+        assert np.abs(change[:row]).max() < 1e-9
+        assert_allclose(change[row:], model.response[face, : len(change) - row], rtol=0, atol=1e-9)
+    # a lasting kelvin at both faces is a kelvin everywhere in the end
+    assert_allclose(model.response.sum(axis=(0, 1)), 1.0, rtol=1e-6)
+
+
+def test_the_covariance_is_that_of_its_definition(hourly):
+    study, _, model = hourly
+    sizes = (0.7, 0.5, 0.85)
+    found = model.noise(*sizes)
+    want = dense(model, *sizes)
+    assert_allclose(found.covariance, want, rtol=0, atol=1e-12 * want.max())
+    assert_allclose(found.whiten @ want @ found.whiten.T, np.eye(len(want)), rtol=0, atol=1e-9)
+    assert_allclose(found.floor, np.sqrt(np.diag(want).mean()), rtol=0.02), "but for the first rows"
+
+
+def test_the_covariance_is_that_of_drawn_noise(hourly):
+    """NumPy's draws through `lfilter` and a convolution; sqrt(2/1500) is the error of a variance from so many."""
+    study, _, model = hourly
+    rng = np.random.RandomState(1)
+    rows, sensors = model.response.shape[1:]
+    draws = 1500
+    sample = np.zeros((draws, sensors * rows))
+    for k in range(draws):
+        face = [0.08 * truth.noise_course("mixed", rows, rng) for _ in (0, 1)]
+        for s in range(sensors):
+            own = 0.05 * truth.noise_course("mixed", rows, rng)
+            through = sum(np.convolve(face[f], model.response[f, :, s])[:rows] for f in (0, 1))
+            sample[k, s * rows : (s + 1) * rows] = own + through
+    found = model.noise(0.5, 0.5, 0.9)
+    white = sample @ found.whiten.T
+    assert_allclose((white**2).mean(), 1.0, atol=4 * np.sqrt(2 / sample.size))
+    # slow directions, in which errors of the memory would show
+    slow = np.array([np.cos(np.pi * k * (np.arange(sensors * rows) + 0.5) / (sensors * rows)) for k in range(8)])
+    share = ((sample @ slow.T) ** 2).mean(axis=0) / np.einsum("ki,ij,kj->k", slow, found.covariance, slow)
+    assert_allclose(share, 1.0, atol=4 * np.sqrt(2 / draws))
+
+
+def test_bins_have_the_covariance_of_means(hourly):
+    """The faces' noise inside a bin is spread over it: the own noise is exact, the faces' within some percent."""
+    study, theta, model = hourly
+    rows = 4
+    together = NoiseModel(binned(study, rows), theta)
+    sizes = (0.3, 0.8, 0.9)
+    M = means(np.asarray(study.bins.present), rows)
+    want = M @ dense(model, *sizes) @ M.T
+    found = together.noise(*sizes)
+    assert np.linalg.norm(found.covariance - want) < 0.05 * np.linalg.norm(want)
+    ratio = np.diag(found.covariance) / np.diag(want)
+    assert np.all(np.abs(ratio[5:] - 1) < 0.1)
+    assert_allclose(found.floor, model.noise(*sizes).floor, rtol=1e-6), "of the rows, whatever the bins"
+
+
+@pytest.mark.parametrize("rows", [1, 2, 5])
+@pytest.mark.parametrize("rho", [0.0, 0.6, 0.95])
+def test_the_autocovariance_of_means_of_an_autoregression(hourly, rows, rho):
+    study, theta, model = hourly
+    together = object.__new__(NoiseModel)
+    together.rows_per_bin, together.count = rows, 9
+    C = rho ** np.abs(np.subtract.outer(np.arange(9 * rows), np.arange(9 * rows)))
+    M = np.kron(np.eye(9), np.full((1, rows), 1 / rows))
+    assert_allclose(together.autocovariance(rho), (M @ C @ M.T)[0], rtol=1e-12, atol=1e-15)
+
+
+def test_missing_readings_neither_count_nor_tell(hourly):
+    study, theta, model = hourly
+    rng = np.random.RandomState(5)
+    present = (rng.uniform(size=study.bins.present.shape) > 0.3).astype(float)
+    present[20:28, 0] = 0.0
+    found = NoiseModel(binned(study, 1, present), theta).noise(0.7, 0.5, 0.8)
+    there, want = present.T.reshape(-1) > 0, dense(model, 0.7, 0.5, 0.8)
+    assert_allclose(found.covariance[np.ix_(there, there)], want[np.ix_(there, there)], atol=1e-12 * want.max())
+    assert_allclose(found.covariance[~there], np.eye(len(there))[~there])
+    assert_allclose(found.whiten @ found.covariance @ found.whiten.T, np.eye(len(there)), atol=1e-9)
+    # a bin with fewer rows has more of the sensor's white noise; what of the faces' comes through is a whole bin's
+    M = means(present, 4)
+    some = NoiseModel(binned(study, 4, present), theta).noise(0.7, 0.5, 0.8)
+    gone = M.sum(axis=1) == 0
+    assert gone.sum() >= 2
+    assert_allclose(some.covariance[gone], np.eye(len(M))[gone])
+    ratio = np.diag(some.covariance)[~gone] / np.diag(M @ want @ M.T)[~gone]
+    assert np.all(np.abs(ratio - 1) < 0.4) and abs(ratio.mean() - 1) < 0.15
+
+
+def drawn(model, kind, size, rng):
+    """A residual of the rows: noise of the sensors and of the faces through the wall, `size` times as stated."""
+    rows, sensors = model.response.shape[1:]
+    face = [0.08 * truth.noise_course(kind, rows, rng) for _ in (0, 1)]
+    found = []
+    for s in range(sensors):
+        through = sum(np.convolve(face[f], model.response[f, :, s])[:rows] for f in (0, 1))
+        found.append(0.05 * truth.noise_course(kind, rows, rng) + through)
+    return size * np.concatenate(found)
+
+
+def waves(model, count):
+    """Directions as effects have them: slow courses of the readings, K."""
+    rows, sensors = model.response.shape[1:]
+    t = (np.arange(rows) + 0.5) / rows
+    shapes = [np.cos(np.pi * k * t) for k in range(count // 2)] + [np.sin(24 * np.pi * t), np.cos(24 * np.pi * t)]
+    return np.array([np.kron(np.eye(sensors)[s], shape) for shape in shapes for s in range(sensors)])
+
+
+# Of n readings a standard deviation is found with a relative error of 1/sqrt(2 n), 3 % of 576; memory costs as many
+# readings as (1 + rho^2)/(1 - rho^2): 9.5 times as many at 0.9, more with the slow directions out. Four draws halve it;
+# k = 4.
+@pytest.mark.parametrize(
+    ("kind", "size", "share", "rho", "spread"),
+    [("white", 1.0, 0.0, None, 0.015), ("white", 1.5, 0.0, None, 0.015), ("ar06", 1.0, 1.0, 0.6, 0.022),
+     ("ar09", 0.8, 1.0, 0.9, 0.06), ("mixed", 1.0, 0.5, 0.9, 0.035)],
+)  # fmt: skip
+def test_size_share_and_memory_are_found(hourly, kind, size, share, rho, spread):
+    study, _, model = hourly
+    rng = np.random.RandomState(11)
+    directions = waves(model, 6)
+    found = [estimate_noise(model, drawn(model, kind, size, rng), directions) for _ in range(4)]
+    total = np.array([noise.white + noise.lasting for noise in found])
+    assert_allclose(np.sqrt(total.mean()), size, rtol=4 * spread)
+    lasting = np.mean([noise.lasting for noise in found]) / total.mean()
+    if kind == "white":
+        # what is taken for memory is small, or has none
+        assert np.mean([noise.lasting * noise.correlation for noise in found]) < 0.15 * size**2
+        return
+    assert_allclose(lasting, share, atol=0.35 if kind == "mixed" else 0.3)
+    assert_allclose(np.mean([n.correlation * n.lasting for n in found]) / size**2, share * rho, atol=0.15)
+
+
+def test_an_effect_along_a_known_direction_does_not_pass_for_noise(hourly):
+    """A hundred times the noise, along two of the directions: the estimate is the same."""
+    study, _, model = hourly
+    residual = drawn(model, "white", 1.0, np.random.RandomState(2))
+    directions = waves(model, 6)
+    quiet = estimate_noise(model, residual, directions)
+    loud = estimate_noise(model, residual + 5.0 * directions[2] - 3.0 * directions[-1], directions)
+    assert_allclose(loud.white + loud.lasting, quiet.white + quiet.lasting, rtol=0.01)
+    blind = estimate_noise(model, residual + 5.0 * directions[2], directions[-1:])
+    assert blind.white + blind.lasting > 3.0, "otherwise it is noise"
+
+
+def test_the_noise_says_what_it_is():
+    nothing = np.zeros((1, 1))
+    assert str(Noise(0.25, 0.0, 0.3, nothing, nothing, 0.1)) == "noise 0.50 times the stated"
+    lasting = str(Noise(0.5, 0.5, 0.9, nothing, nothing, 0.1))
+    assert "1.00 times" in lasting and "50 %" in lasting and "0.90" in lasting

@@ -1,0 +1,296 @@
+"""Ranking against explicit least squares; where the remainder sits; what is compared on days held out."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from benchmarks.discrepancy.truth import DAY
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.stats import kstest
+from studies import SPEC, prepare, slot_of
+from wallid.discrepancy.compare import compare, held_out, windows
+from wallid.discrepancy.extend import refit
+from wallid.discrepancy.locate import locate
+from wallid.discrepancy.noise import NoiseModel
+from wallid.discrepancy.rank import Candidate, Outlook, look, screen
+from wallid.discrepancy.study import Study
+
+OFFSET = 0.25
+HOURLY = replace(
+    SPEC,
+    step=3600.0,
+    days=8.0,
+    positions=(0.04, 0.13),
+    noise_std=0.05,
+    boundary_noise_std=0.03,
+    noise_seed=4,
+    effects=(("sensor_offset", "T2", {"offset": OFFSET}),),
+)
+
+
+class Ranked:
+    """A record with an offset in one sensor, the plain model fitted to it, and the screen of the library."""
+
+    def __init__(self, folder):
+        self.study, self.truth = prepare(folder, HOURLY)
+        start = self.study.neutral
+        self.noise = NoiseModel(self.study, start).noise(1.0, 0.0, 0.8)
+        self.base = refit(self.study, (), start, self.noise)
+        self.outlook = look(self.study, self.base)
+        self.screen = screen(self.base, self.outlook, np.random.default_rng(0))
+
+    def white(self, place):
+        """The whitened derivative of a candidate of the screen, priors' rows below."""
+        (column,) = (
+            z
+            for candidate, z in zip(self.outlook.candidates, self.outlook.columns, strict=True)
+            if candidate is self.screen.candidates[place]
+        )
+        return np.concatenate([self.noise.whiten @ column, np.zeros(len(self.base.residual) - len(column))])
+
+    def least_squares(self, places):
+        """The drop by these candidates with everything free refitted, their sizes and the moves of the others."""
+        J, r = self.base.jacobian, self.base.residual
+        scale = np.linalg.norm(J, axis=0)
+
+        def solve(columns):
+            x = np.linalg.lstsq(columns, r, rcond=1e-13)[0]
+            return x, np.sum((r - columns @ x) ** 2)
+
+        _, before = solve(J / scale)
+        z = np.stack([self.white(place) for place in places], axis=1)
+        size = np.linalg.norm(z, axis=0)
+        x, after = solve(np.concatenate([J / scale, z / size], axis=1))
+        return before - after, x[len(scale) :] / size, x[: len(scale)] / scale
+
+    def place(self, name, target=None):
+        """Of the best candidate of an effect."""
+        slot = slot_of(self.study, name, target)
+        return int(max(self.screen.groups[slot], key=lambda place: self.screen.gain[place]))
+
+
+@pytest.fixture(scope="module")
+def ranked(tmp_path_factory):
+    return Ranked(tmp_path_factory.mktemp("ranked"))
+
+
+def test_the_plain_fit_ends_at_its_minimum(ranked):
+    """The residual stands on every free column; diffusivity and profile take up what they can of the offset."""
+    fit = ranked.base
+    assert fit.converged
+    slope = fit.jacobian.T @ fit.residual / np.linalg.norm(fit.jacobian, axis=0)
+    assert np.linalg.norm(slope) < 0.1  # the square is what a step would still bring: under 0.01
+    assert len(fit.free) == 1 + 8 + 2 and not fit.at_bound
+    assert_allclose(fit.residual[-len(fit.free) :], -fit.theta[fit.free] / fit.study.prior_width[fit.free])
+
+
+def test_expected_gain_and_size_are_those_of_least_squares(ranked):
+    found = ranked.screen
+    for place in [*found.best(10), *range(0, len(found.candidates), 7)]:
+        gain, size, _ = ranked.least_squares([place])
+        label = ranked.study.label(found.candidates[place].slot.effect)
+        assert_allclose(found.score[place] ** 2, gain, rtol=1e-6, atol=1e-6, err_msg=label)
+        assert_allclose(found.size[place], size[0], rtol=1e-5, atol=1e-9 / found.norm[place], err_msg=label)
+        assert_allclose(found.prediction((place,))[0][0], found.size[place], rtol=1e-8)
+
+
+def test_the_gain_of_an_offset_is_that_of_the_refit(ranked):
+    """An offset is exactly linear; what else moves is nearly so, to second order in its step."""
+    slot = slot_of(ranked.study, "sensor_offset", "T2")
+    place = ranked.place("sensor_offset", "T2")
+    size, moves = ranked.screen.prediction((place,))
+    theta = ranked.base.theta.copy()
+    theta[slot.first] = size[0]
+    fit = refit(ranked.study, (slot,), theta, ranked.noise, step=np.append(moves, 0.0))
+    drop = ranked.base.cost - fit.cost
+    assert fit.converged and drop > 100
+    assert_allclose(drop, ranked.screen.gain[place], rtol=0.02)
+    assert abs(fit.theta[slot.first] - OFFSET) < 4 * fit.std(slot.first)
+    assert abs(fit.theta[slot.first] - ranked.screen.size[place]) < fit.std(slot.first)
+    assert abs(np.log(fit.diffusivity / HOURLY.diffusivity)) < 4 * fit.log_std
+    low, high = fit.interval_95
+    assert_allclose([low * high, np.log(high / low)], [fit.diffusivity**2, 2 * 1.959964 * fit.log_std], rtol=1e-6)
+    assert ranked.screen.best(1) == [place] or ranked.screen.gain[ranked.screen.best(1)[0]] >= drop
+
+
+def test_pair_gains_are_those_of_least_squares(ranked):
+    found = ranked.screen
+    rng = np.random.default_rng(5)
+    tried = 0
+    for i, j in rng.integers(len(found.candidates), size=(60, 2)).tolist():
+        one, other = (found.candidates[k].slot.effect for k in (i, j))
+        if (one.name, one.target) == (other.name, other.target):
+            assert found.pair_gain[i, j] == 0.0, "forms of one effect are no pair"
+            continue
+        if abs(found.cosine[i, j]) > 0.999:
+            continue
+        gain, sizes, _ = ranked.least_squares([i, j])
+        signs = found.signs[[i, j]]
+        if np.any(signs * sizes < 0):
+            assert found.pair_gain[i, j] == 0.0, "a size of the wrong sign"
+        else:
+            assert_allclose(found.pair_gain[i, j], gain, rtol=1e-5, atol=1e-5)
+            assert_allclose(found.prediction((i, j))[0], sizes, rtol=1e-4, atol=1e-6 / found.norm[[i, j]].min())
+            tried += 1
+    assert tried > 10
+    best = found.best_pairs(5)
+    gains = [found.pair_gain[pair] for pair in best]
+    assert gains == sorted(gains, reverse=True) and gains[0] == found.pair_gain.max()
+    kinds = [frozenset(found.candidates[k].slot for k in pair) for pair in best]
+    assert len(set(kinds)) == len(best)
+
+
+def made_up(ranked, columns, names=("sensor_offset", "sensor_gain", "sensor_drift", "clock_shift")):
+    """A screen of given derivatives in the readings."""
+    targets = ("T1", "T1", "T1", None)
+    slots = [slot_of(ranked.study, name, target) for name, target in zip(names, targets, strict=True)]
+    candidates = tuple(Candidate(slot, {}) for slot, _ in zip(slots, columns, strict=False))
+    return screen(ranked.base, Outlook(candidates, np.array(columns)), np.random.default_rng(1))
+
+
+def test_what_the_record_cannot_tell_apart_is_no_pair(ranked):
+    rng = np.random.default_rng(2)
+    first, second = rng.standard_normal((2, len(ranked.noise.whiten)))
+    found = made_up(ranked, [first, -2.5 * first, second])
+    assert_allclose(found.cosine[0, 1], -1.0)
+    assert_allclose(found.gain[0], found.gain[1], rtol=1e-9)
+    assert_allclose(found.size[0], -2.5 * found.size[1], rtol=1e-9)
+    assert found.pair_gain[0, 1] == 0.0
+    assert found.pair_gain[0, 2] > found.gain[0] and found.pair_gain[1, 2] > 0
+    assert not np.diag(found.pair_gain).any()
+
+
+def test_what_is_free_already_is_not_seen(ranked):
+    """A derivative that the free parameters without a prior make up is left out."""
+    seen = np.random.default_rng(3).standard_normal(len(ranked.noise.whiten))
+    own = np.linalg.solve(ranked.noise.whiten, ranked.base.jacobian[: len(seen), 0])
+    found = made_up(ranked, [own, seen, np.zeros_like(seen)])
+    assert [c.slot.effect.name for c in found.candidates] == ["sensor_gain"]
+
+
+def test_a_size_of_the_wrong_sign_gains_nothing(ranked):
+    found = ranked.screen
+    bounded = {c.slot.effect.name for c, sign in zip(found.candidates, found.signs, strict=True) if sign}
+    assert bounded == {
+        "sensor_lag", "face_lag", "face_depth", "surface_film", "contact_resistance", "phase_change", "lateral_loss",
+    }  # fmt: skip
+    wrong = found.signs * found.size < 0
+    assert wrong.any() and not found.gain[wrong].any()
+    assert_allclose(found.gain[~wrong], found.score[~wrong] ** 2)
+
+
+def test_p_values_fall_with_the_gain_and_know_the_largest_of_many(ranked):
+    found = ranked.screen
+    gains = np.linspace(0.0, 60.0, 40)
+    p = [found.p_value(gain) for gain in gains]
+    assert p == sorted(p, reverse=True)
+    assert p[0] == 1.0 and p[-1] == pytest.approx(1 / 2001)
+    for level in (0.05, 0.01):
+        assert found.p_value(found.threshold(level)) == pytest.approx(level, abs=2e-3)
+    assert found.pair_threshold(0.05) > found.threshold(0.05) > 3.84, "more than a single test's"
+    alone = made_up(ranked, [np.random.default_rng(3).standard_normal(len(ranked.noise.whiten))])
+    assert alone.threshold(0.05) == pytest.approx(3.84, abs=0.6)  # chi-square of one; 4 sigma of 2000 draws
+
+
+# ------------------------------------------------------------------------------------------------------- the remainder
+
+
+def drawn(ranked, rng):
+    """The residual of a fit whose readings have the noise's own covariance and nothing else."""
+    fit, noise = ranked.base, ranked.noise
+    error = noise.whiten @ (np.linalg.cholesky(noise.covariance) @ rng.standard_normal(len(noise.whiten)))
+    whole = np.concatenate([error, rng.standard_normal(len(fit.free))])
+    J = fit.jacobian / np.linalg.norm(fit.jacobian, axis=0)
+    return whole - J @ np.linalg.lstsq(J, whole, rcond=None)[0]
+
+
+def test_the_omnibus_test_is_fair_and_sees_a_slow_wave(ranked):
+    rng = np.random.default_rng(7)
+    found = [locate(replace(ranked.base, residual=drawn(ranked, rng))) for _ in range(120)]
+    p = [rest.p_value for rest in found]
+    assert kstest(p, "uniform").pvalue > 1e-3
+    assert_allclose(np.mean([rest.statistic for rest in found]), found[0].freedom, rtol=4 * np.sqrt(2 / (50 * 120)))
+    bins = len(ranked.noise.whiten) // 2
+    wave = np.concatenate([0.05 * np.sin(4 * np.pi * np.arange(bins) / bins), np.zeros(bins)])
+    residual = drawn(ranked, rng)
+    residual[: 2 * bins] += ranked.noise.whiten @ wave
+    slow = locate(replace(ranked.base, residual=residual))
+    assert slow.p_value < 1e-4
+    assert slow.statistic == pytest.approx(slow.smooth @ slow.smooth)
+    assert np.abs(ranked.base.jacobian.T @ slow.smooth).max() < 1e-6 * np.abs(ranked.base.jacobian).sum(axis=0).max()
+
+
+def test_where_the_remainder_sits(ranked):
+    """By sensor, hour of the day and day, of a remainder that is known."""
+    fit, rows = ranked.base, ranked.study.record.rows
+    hour, day = np.arange(rows) % 24, np.arange(rows) // 24
+    rest = np.stack([0.1 * (hour == 7), 0.2 * (day == 3)], axis=1)
+    rest[30, 0] = np.nan
+    placed = replace(fit)
+    placed.__dict__["remainder"] = rest
+    found = locate(placed)
+    assert list(found.by_sensor) == ["T1", "T2"]
+    assert found.by_sensor["T2"] == pytest.approx(0.2 / np.sqrt(8))
+    assert_allclose(found.by_hour[:, 0], 0.1 * (np.arange(24) == 7), atol=1e-15)
+    assert_allclose(found.by_hour[:, 1], 0.2 / 8)
+    assert_allclose(found.by_day[:, 1], 0.2 * (np.arange(8) == 3))
+    assert_allclose(found.by_day[[0, 5], 0], 0.1 / np.sqrt(24))
+
+
+# ------------------------------------------------------------------------------------------------- days not used, windows
+
+
+def lasting(days, step):
+    """A study of which only the record's rows are there."""
+    time = np.arange(round(days * DAY / step)) * step
+    study = object.__new__(Study)
+    object.__setattr__(study, "record", SimpleNamespace(time=time, duration=float(time[-1])))
+    return study
+
+
+@given(days=st.floats(3.1, 70), step=st.sampled_from([600.0, 1800.0, 3600.0]))
+@settings(max_examples=40)
+def test_whole_days_are_held_out_and_at_least_a_fifth(days, step):
+    study = lasting(days, step)
+    held = held_out(study)
+    assert 0.2 <= held.mean() <= 0.5
+    day = (study.record.time // DAY).astype(int)
+    for one in range(day[-1] + 1):
+        assert len(set(held[day == one].tolist())) == 1, "a day is held out or not"
+
+
+def test_a_short_record_holds_nothing_out():
+    assert held_out(lasting(2.5, 600.0)) is None
+
+
+def test_the_gap_on_days_held_out_shrinks_with_the_offset_in(ranked):
+    slot = slot_of(ranked.study, "sensor_offset", "T2")
+    after = refit(ranked.study, (slot,), ranked.base.theta, ranked.noise)
+    gap = compare(ranked.base, after)
+    assert gap.before > gap.after and gap.held_out_before > 1.2 * gap.held_out_after
+    # readings 0.05 K each, and what passes of the faces' 0.03 K; 384 of them, 4 sigma
+    assert_allclose([gap.after, gap.held_out_after], gap.floor, rtol=0.15)
+    assert 0.05 < gap.floor < np.hypot(0.05, 0.03)
+    assert gap.left < 0.5
+    same = compare(ranked.base, ranked.base)
+    assert same.held_out_before == same.held_out_after and same.before == same.after == gap.before
+    found = windows(after, slot)
+    assert_allclose(found.days, [1, 3, 5, 7])
+    assert found.p_value > 1e-3, "a constant offset is constant"
+    pulls = (found.size - OFFSET) / found.std
+    assert np.abs(pulls).max() < 4
+
+
+def test_an_effect_that_comes_and_goes_shows_by_window(ranked):
+    slot = slot_of(ranked.study, "sensor_offset", "T2")
+    after = refit(ranked.study, (slot,), ranked.base.theta, ranked.noise)
+    bins = len(ranked.noise.whiten) // 2
+    half = np.concatenate([np.zeros(bins), 0.2 * (np.arange(bins) > bins / 2) - 0.1])
+    residual = after.residual.copy()
+    residual[: 2 * bins] += ranked.noise.whiten @ half
+    found = windows(replace(after, residual=residual), slot)
+    assert found.p_value < 1e-4
+    assert found.size[2:].mean() - found.size[:2].mean() > 0.1
