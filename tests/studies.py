@@ -1,10 +1,14 @@
 """Small cases from the independent simulator, as the search for a missing effect sees them; shared by its tests."""
 
+from dataclasses import replace
+
+import equinox as eqx
 import numpy as np
 from benchmarks.discrepancy import truth
 from benchmarks.discrepancy.truth import Spec
+
 from wallid.case import load
-from wallid.discrepancy.study import study
+from wallid.discrepancy.study import Slot, study
 
 # a wall that forgets how it began within hours: L^2 / (pi^2 alpha) = 1.4 h
 SPEC = Spec(
@@ -51,3 +55,13 @@ def vector(study, diffusivity, effects=()):
             if parameter.name in parameters:
                 theta[index] = parameters[parameter.name]
     return theta
+
+
+def trimmed(study, keep):
+    """The study with a part of the library, which is compiled in a part of the time."""
+    effects = tuple(slot.effect for slot in study.slots if keep(slot.effect))
+    slots, first = [], study.slots[0].first
+    for effect in effects:
+        slots.append(Slot(effect, first))
+        first += len(effect.parameters)
+    return replace(study, model=eqx.tree_at(lambda m: m.effects, study.model, effects), slots=tuple(slots))

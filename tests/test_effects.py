@@ -1,4 +1,4 @@
-"""Each effect: its neutral value, its physics against an independent simulator, its derivative, and how they compose."""
+"""Each effect: its neutral value, its physics against an independent simulator, its derivative; how they compose."""
 
 from dataclasses import replace
 
@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from studies import SPEC, prepare, slot_of, vector
+
 from wallid.discrepancy.study import Model, columns, linearise, predict
 from wallid.effects import (
     LIBRARY,
@@ -129,7 +130,9 @@ def test_only_what_changes_with_temperature_or_time_is_not_linear():
 
 @pytest.mark.parametrize("rain", [(), (0.4 * DAY, 2.0 * DAY)])
 def test_the_scan_stays_within_the_bounds(rain):
-    search = Search(places=(0.05, 0.08, 0.1, 0.12, 0.15), length=0.2, duration=5 * DAY, rain=rain, coldest=-4.0, warmest=21.0)
+    search = Search(
+        places=(0.05, 0.08, 0.1, 0.12, 0.15), length=0.2, duration=5 * DAY, rain=rain, coldest=-4.0, warmest=21.0
+    )
     for effect in library(2, REGRESSORS):
         grid = list(effect.scan(search))
         assert len({tuple(values.items()) for values in grid}) == len(grid) > 0
@@ -149,9 +152,9 @@ def test_the_scan_stays_within_the_bounds(rain):
 def test_interfaces_are_looked_for_between_the_outermost_sensors(plain):
     record = plain[0].record
     inside = record_search(record, (0.15, 0.04, 0.1), 0.2).places
-    assert 0.04 < inside[0] and inside[-1] < 0.15 and np.all(np.diff(inside) > 0)
+    assert inside[0] > 0.04 and inside[-1] < 0.15 and np.all(np.diff(inside) > 0)
     alone = record_search(record, (0.1,), 0.2).places
-    assert 0.05 <= alone[0] and alone[-1] <= 0.15
+    assert alone[0] >= 0.05 and alone[-1] <= 0.15
 
 
 # --------------------------------------------------------------------------------------------------- neutral values
@@ -549,7 +552,7 @@ def test_the_first_order_of_effects_that_are_not_linear(plain):
     """Against differences of the stepped prediction, whose own time step leaves a few in a thousand."""
     study, _ = plain
     theta = sized(study, 0.0)
-    linear = vector(study, 7e-7, [*JOINED[:2], *BLOWN[:2]])
+    linear = vector(study, 7e-7, [*JOINED[:2], BLOWN[1]])
     for slot in study.slots:
         if slot.effect.linear:
             theta[list(slot.indices)] = linear[list(slot.indices)]
@@ -561,8 +564,8 @@ def test_the_first_order_of_effects_that_are_not_linear(plain):
         parameter = slot.effect.parameters[0]
         sided = parameter.least == 0.0
         want = difference(study, row, direction, 1e-2 * parameter.scale, False, sided=sided)
-        # without the first two hours, in which the film makes a kink that steps of 10 min do not resolve
-        column, want = (part.reshape(study.sensors, -1)[:, 12:] for part in (column, want))
+        # without the first six hours: a straight start bends within seconds, which lines of 10 min make too much of
+        column, want = (part.reshape(study.sensors, -1)[:, 36:] for part in (column, want))
         assert np.linalg.norm(column - want) < 6e-3 * np.linalg.norm(want), study.label(slot.effect)
 
 

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
+
 from wallid.effects import (
     AirFlow,
     Campaign,
@@ -198,7 +199,7 @@ def test_a_mode_of_the_initial_profile_decays_by_itself():
         ((AirFlow(4e-6),), lambda x: 20.0 * np.expm1(5.0 * x) / np.expm1(5.0 * L)),
         (
             (LateralLoss(air="outdoor", rate=2e-5),),
-            lambda x: 5.0 * (1 - np.cosh(5 * (x - L / 2)) / np.cosh(5 * L / 2)) + 20.0 * np.sinh(5 * x) / np.sinh(5 * L),
+            lambda x: 5 - 5 * np.cosh(5 * (x - L / 2)) / np.cosh(5 * L / 2) + 20 * np.sinh(5 * x) / np.sinh(5 * L),
         ),
         ((UniformSource(4e-5),), lambda x: 20.0 * x / L + 25.0 * x * (L - x)),
     ],
@@ -267,19 +268,23 @@ def test_the_stepped_course_converges_with_order_two(campaign, changing):
     terms, want = changing
     errors = [np.sqrt(np.mean((stepped(terms, campaign, parts)[0] - want) ** 2)) for parts in (8, 16, 32)]
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
-    assert errors[0] < 0.02
-    assert_allclose(orders[-1], 2.0, atol=0.1)
+    assert errors[0] < 1e-3
+    # the matrix leaves out how the coefficients bend with temperature: a stiff wall takes some of the order
+    assert_allclose(orders, 2.0, atol=0.25)
+    assert_allclose(orders.mean(), 2.0, atol=0.1)
 
 
 def test_an_adaptive_solver_of_diffrax_gives_the_same_wall(campaign, changing):
     terms, want = changing
-    value, rate = stepped(terms, campaign, 1, diffrax.PIDController(rtol=1e-7, atol=1e-7, jump_ts=[5.75 * HOUR, 6.25 * HOUR]))
+    value, rate = stepped(
+        terms, campaign, 1, diffrax.PIDController(rtol=1e-7, atol=1e-7, jump_ts=[5.75 * HOUR, 6.25 * HOUR])
+    )
     assert_allclose(value, want, rtol=0, atol=2e-5)
-    # the rate is the course's own derivative: central differences of hours miss (pi/12)^2 / 6 of a day's wave
+    # the rate is the course's own derivative: central differences of hours miss a quarter of the 5-hour wave's
     within = slice(8, -1)
     slopes = (np.asarray(value)[2:] - np.asarray(value)[:-2]) / (2 * STEP)
     error = np.asarray(rate)[1:-1][within] - slopes[within]
-    assert np.sqrt(np.mean(error**2)) < 0.05 * np.sqrt(np.mean(slopes[within] ** 2))
+    assert np.sqrt(np.mean(error**2)) < 0.12 * np.sqrt(np.mean(slopes[within] ** 2))
 
 
 def test_at_neutral_values_the_stepped_course_is_the_linear_one_within_its_time_error(campaign):

@@ -10,6 +10,7 @@ from benchmarks.discrepancy import truth
 from numpy.testing import assert_allclose
 from scipy.linalg import toeplitz
 from studies import SPEC, prepare, vector
+
 from wallid.discrepancy.noise import Noise, NoiseModel, estimate_noise
 from wallid.discrepancy.study import Bins, predict
 
@@ -69,7 +70,7 @@ def test_an_error_of_a_face_answers_as_a_change_of_its_reading(hourly):
 
 
 def test_the_covariance_is_that_of_its_definition(hourly):
-    study, _, model = hourly
+    *_, model = hourly
     sizes = (0.7, 0.5, 0.85)
     found = model.noise(*sizes)
     want = dense(model, *sizes)
@@ -80,7 +81,7 @@ def test_the_covariance_is_that_of_its_definition(hourly):
 
 def test_the_covariance_is_that_of_drawn_noise(hourly):
     """NumPy's draws through `lfilter` and a convolution; sqrt(2/1500) is the error of a variance from so many."""
-    study, _, model = hourly
+    *_, model = hourly
     rng = np.random.RandomState(1)
     rows, sensors = model.response.shape[1:]
     draws = 1500
@@ -117,8 +118,7 @@ def test_bins_have_the_covariance_of_means(hourly):
 
 @pytest.mark.parametrize("rows", [1, 2, 5])
 @pytest.mark.parametrize("rho", [0.0, 0.6, 0.95])
-def test_the_autocovariance_of_means_of_an_autoregression(hourly, rows, rho):
-    study, theta, model = hourly
+def test_the_autocovariance_of_means_of_an_autoregression(rows, rho):
     together = object.__new__(NoiseModel)
     together.rows_per_bin, together.count = rows, 9
     C = rho ** np.abs(np.subtract.outer(np.arange(9 * rows), np.arange(9 * rows)))
@@ -174,7 +174,7 @@ def waves(model, count):
      ("ar09", 0.8, 1.0, 0.9, 0.06), ("mixed", 1.0, 0.5, 0.9, 0.035)],
 )  # fmt: skip
 def test_size_share_and_memory_are_found(hourly, kind, size, share, rho, spread):
-    study, _, model = hourly
+    *_, model = hourly
     rng = np.random.RandomState(11)
     directions = waves(model, 6)
     found = [estimate_noise(model, drawn(model, kind, size, rng), directions) for _ in range(4)]
@@ -191,7 +191,7 @@ def test_size_share_and_memory_are_found(hourly, kind, size, share, rho, spread)
 
 def test_an_effect_along_a_known_direction_does_not_pass_for_noise(hourly):
     """A hundred times the noise, along two of the directions: the estimate is the same."""
-    study, _, model = hourly
+    *_, model = hourly
     residual = drawn(model, "white", 1.0, np.random.RandomState(2))
     directions = waves(model, 6)
     quiet = estimate_noise(model, residual, directions)

@@ -81,11 +81,12 @@ def cells(terms: Terms, campaign: Campaign) -> Cells:
     bounds = jnp.concatenate([places[:1], middles, places[-1:]])
     for layer in terms.capacity_steps:
         capacity = capacity * _stepped(bounds, layer)
-    resistance = resistance * (length / jnp.sum(resistance))
+    whole = length / jnp.sum(resistance)
+    resistance, film = whole * resistance, whole * terms.film  # a film's length is of the material itself, as a joint's
     capacity = capacity * (length / jnp.sum(capacity))
 
     # T_face = (1 - w) T_read + w T_first behind a film; the face's own half cell goes to the node next to it
-    behind = terms.film / (terms.film + resistance[jnp.array([0, -1])])
+    behind = film / (film + resistance[jnp.array([0, -1])])
     ends = jnp.array([0, -1])
     inner = capacity[1:-1].at[ends].add(behind * capacity[ends])
     readings = _readings(places, resistance, campaign.position + terms.position)
@@ -98,7 +99,7 @@ def cells(terms: Terms, campaign: Campaign) -> Cells:
     courses = [terms.faces, air, *(source.course[..., None] for source in terms.sources)]
     return Cells(
         places=places,
-        resistance=resistance.at[ends].add(terms.film),
+        resistance=resistance.at[ends].add(film),
         capacity=inner,
         advection=terms.velocity / (places[2:] - places[:-2]),
         loss=jnp.sum(terms.loss),

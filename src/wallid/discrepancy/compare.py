@@ -58,7 +58,7 @@ def compare(before: Fit, after: Fit) -> Gap:
 def held_out(study: Study) -> np.ndarray | None:
     """Which rows are held out: every third block of whole days; None where the record has under three days."""
     days = (study.record.time // _DAY).astype(int)
-    if study.record.duration < 3 * _DAY:
+    if study.record.duration + study.record.step < 3 * _DAY:
         return None
     block = days // max(1, (days[-1] + 1) // _BLOCKS)
     return block % 3 == 1

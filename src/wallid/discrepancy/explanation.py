@@ -16,7 +16,7 @@ from .locate import Remainder
 from .rank import Screen
 from .study import Slot, Study
 
-LEFT_OVER = 1e-3
+LEFT_OVER = 1e-4
 """How often chance may make the omnibus test say that something is left."""
 CHANCE = 0.03
 """Over the whole library: above it, a gain is no more than chance makes."""

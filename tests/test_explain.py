@@ -1,0 +1,140 @@
+"""The search for a missing effect, on records of the independent simulator that hide one, two or none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.discrepancy.truth import Hidden, Spec, simulate, write_case
+
+import wallid
+from wallid.discrepancy.explanation import separation
+from wallid.effects import untestable
+
+# One shape of record for all: each new one is compiled anew.
+PLAIN = Spec(
+    length=0.4,
+    diffusivity=8e-7,
+    positions=(0.06, 0.2, 0.33),
+    step=3600.0,
+    days=16.0,
+    weather_seed=11,
+    noise="white",
+    noise_std=0.05,
+    boundary_noise_std=0.05,
+    noise_seed=5,
+    rounding=0.01,
+    position_std=0.002,
+)
+
+
+@pytest.fixture(scope="module")
+def explained(tmp_path_factory):
+    """`explain` of a record with these effects hidden in it, each found once."""
+    kept = {}
+
+    def find(*hidden, **changes):
+        key = repr((hidden, changes))
+        if key not in kept:
+            spec = replace(PLAIN, effects=tuple(Hidden(*one) for one in hidden), **changes)
+            folder = tmp_path_factory.mktemp("case")
+            write_case(spec, folder)
+            kept[key] = (wallid.explain(wallid.load(folder)), simulate(spec)["truth"]["diffusivity"])
+        return kept[key]
+
+    return find
+
+
+def names(found):
+    return {(named["name"], named["target"]) for named in found.result()["effects"]}
+
+
+@pytest.mark.parametrize("noise", ["white", "ar09"])
+def test_nothing_is_missing_from_a_wall_from_which_nothing_is(explained, noise):
+    found, truth = explained(noise=noise)
+    assert found.verdict == "adequate", str(found)
+    assert abs(np.log(found.after.diffusivity / truth)) < 4 * found.after.log_std
+    assert found.result()["effects"] == []
+    assert found.gap.after == pytest.approx(found.gap.floor, rel=0.15)
+    assert all(np.isfinite(size) and size > 0 for size in found.smallest().values())
+
+
+@pytest.mark.parametrize(
+    ("name", "target", "parameters", "size"),
+    [
+        ("solar_gain", "left", {"gain": 0.004}, "gain"),
+        ("sensor_position", "T2", {"shift": 0.015}, "shift"),
+        ("sensor_lag", "T1", {"time_constant": 3600.0}, "time_constant"),
+        ("sensor_drift", "T3", {"rate": 0.03}, "rate"),
+        ("layered_conductivity", None, {"log_ratio": 0.5, "interface": 0.16}, "log_ratio"),
+        ("contact_resistance", None, {"thickness": 0.06, "place": 0.26}, "thickness"),
+        ("heat_source", None, {"rate": 2e-5, "place": None, "hours": [6.0, 11.0]}, "rate"),
+        ("temperature_dependent_conductivity", None, {"slope": 0.015}, "slope"),
+    ],
+)
+def test_a_hidden_effect_is_named_with_its_size(explained, name, target, parameters, size):
+    found, truth = explained((name, target, parameters))
+    assert names(found) == {(name, target)}, str(found)
+    (effect,) = found.result()["effects"]
+    value = effect["parameters"][size]
+    assert abs(value["value"] - parameters[size]) < 4 * value["std"] + 0.03 * abs(parameters[size])
+    assert abs(np.log(found.after.diffusivity / truth)) < 4 * found.after.log_std + 0.01
+    if found.gap.held_out_before > 1.1 * found.gap.floor:  # a prior on a position leaves no gap to close
+        assert found.gap.left < 0.4
+    assert effect["gain"] == pytest.approx(effect["expected_gain"], rel=0.4)
+    assert effect["p_value"] < 0.01
+    assert found.left_before.p_value < found.left_after.p_value
+
+
+def test_two_hidden_effects_are_both_named(explained):
+    hidden = (("solar_gain", "left", {"gain": 0.005}), ("sensor_lag", "T2", {"time_constant": 5400.0}))
+    found, _ = explained(*hidden)
+    assert names(found) == {(name, target) for name, target, _ in hidden}, str(found)
+    gains = [effect["gain"] for effect in found.result()["effects"]]
+    assert gains == sorted(gains, reverse=True)
+
+
+def test_an_effect_that_is_none_of_the_known_ones_gets_no_name(explained):
+    found, truth = explained(("oscillating_diffusivity", None, {"amplitude": 0.5}))
+    assert found.verdict == "unnamed", str(found)
+    result = found.result()
+    assert result["effects"] == []
+    low, high = result["diffusivity"]["interval_95"]
+    plain_low, plain_high = found.before.interval_95
+    assert high / low > plain_high / plain_low
+    assert "none of the known effects" in found.sentence
+
+
+def test_a_rival_is_told_and_spans_the_interval(explained):
+    """A weak constant source and an offset leave the same trace."""
+    found, _ = explained(("sensor_offset", "T2", {"offset": 0.06}), noise_std=0.05)
+    if found.verdict == "confusable":
+        low, high = found.interval_95
+        assert low <= found.after.interval_95[0] and high >= found.after.interval_95[1]
+        doubted = next(named for named in found.effects if named.alternatives)
+        assert separation(doubted, found.study) in found.sentence
+    else:
+        assert found.verdict in ("named", "adequate")
+
+
+def test_what_was_not_logged_is_said_to_be_untestable():
+    assert "solar_gain" in untestable(2, ())
+    assert untestable(2, ("irradiance", "air_outdoor", "air_indoor", "heating")) == {}
+
+
+def test_the_text_says_verdict_sizes_and_the_ranked_table(explained):
+    found, _ = explained(("solar_gain", "left", {"gain": 0.004}))
+    text = str(found)
+    assert text.startswith("verdict      named: Solar gain of the left face of 0.00")
+    assert found.table[0].reason == "in the model"
+    assert [row.expected for row in found.table] == sorted((row.expected for row in found.table), reverse=True)
+    assert all(row.reason for row in found.table)
+
+
+def test_without_an_inner_sensor_the_refusal_says_what_to_do(explained):
+    found, _ = explained(noise="white")
+    case = found.study.case
+    flux = {"flux_left": np.zeros(case.record.rows)}
+    record = replace(case.record, names=(), sensors=np.empty((case.record.rows, 0)), regressors=flux)
+    choices = replace(case.choices, initial_profile=0)
+    with pytest.raises(wallid.InputError, match="add a sensor"):
+        wallid.explain(replace(case, sensors=(), record=record, choices=choices))
