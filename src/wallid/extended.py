@@ -441,6 +441,18 @@ def first_order(
     return jax.jvp(lambda *course: readings(terms, campaign, *course), (still, still), (value, slope))[1]
 
 
+def face_response(
+    terms: Terms, faces: Float[Array, "interval power face"], campaign: Campaign, diffusivity: Array
+) -> Float[Array, "time sensor"]:
+    """What the readings of a linear wall make of a change of its faces, K."""
+    wall = cells(terms, campaign)
+    course = jnp.zeros_like(wall.course).at[:, :, :2].set(faces)
+    still = jnp.zeros(wall.capacity.shape)
+    driven = linear_course(eqx.tree_at(lambda w: w.course, wall, course), campaign, diffusivity, still)
+    rest = tuple(jnp.zeros_like(part) for part in driven)
+    return jax.jvp(lambda *course: readings(terms, campaign, *course), rest, driven)[1]
+
+
 def _finer(course: Float[Array, "interval power input"], parts: int) -> Float[Array, "part power input"]:
     """The same polynomials on equal parts of each interval: `s = (i + r)/parts`."""
     powers = course.shape[1]

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
-from .extend import Fit, refit, whiten_part
+from .extend import Fit, refit, whiten_block
 from .study import Slot, Study
 
 _DAY = 86400.0
@@ -83,9 +83,9 @@ def cost_outside(fit: Fit) -> float:
     held = held_out(study)
     if held is None:
         return 0.0
-    binned = np.asarray(study.bins.mean(study.bins.observed - _trained(fit, held).predicted))
+    binned = study.binned(_trained(fit, held).remainder)
     chosen = np.flatnonzero(_bins_with(study, held))
-    W = whiten_part(fit.noise, chosen)[np.ix_(chosen, chosen)]
+    W = whiten_block(fit.noise, chosen)
     return float(np.sum((W @ binned[chosen]) ** 2))
 
 
@@ -130,7 +130,7 @@ def windows(fit: Fit, slot: Slot) -> Windows:
     for first, last in pairwise(edges):
         used = np.tile((np.arange(bins) >= first) & (np.arange(bins) < last), study.sensors)
         chosen = np.flatnonzero(used)
-        W = whiten_part(noise, chosen)[np.ix_(chosen, chosen)]
+        W = whiten_block(noise, chosen)
         system = np.concatenate([W @ J[chosen], np.diag(prior)])
         right = np.concatenate([W @ r[chosen], np.zeros(len(prior))])
         scale = np.maximum(np.linalg.norm(system, axis=0), 1e-300)

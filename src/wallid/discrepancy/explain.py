@@ -21,13 +21,12 @@ FURTHER = 0.01
 """How often chance may make a further one, or a pair where no single effect stands out."""
 RIVAL = 9.0
 """Models within this of the best in `-2 log L` cannot be told from it."""
-SAME = 1e-4
-"""How often chance may make the sizes of four windows differ."""
 _CLEAN = 0.02  # p-value of the omnibus test above which a single effect is not asked for a partner at once
 _MOST_EFFECTS = 3
 _SINGLES, _PAIRS, _RIVALS = 5, 3, 4
 _NEAR = 0.35  # how far a rival's expected gain may fall short, relative, to be worth a refit
 _PER_PLACE = 3.0  # of -2 log L: what finding a place or an hour between the scan's gains by chance
+_CLOSE = 0.2  # the same for an effect in the place of one that has been fitted
 _ROUNDS = 4
 
 Progress = Callable[[str, float], None]
@@ -59,7 +58,7 @@ def explain(case: Case, *, progress: Progress = lambda stage, share: None) -> Ex
     effects = search.named(best)
     progress("diagnose: compare on days held out", 0.9)
     if best.active:  # both under the noise that the better model shows
-        plain = refit(search.study, (), plain.theta, best.noise)
+        plain = search.plain_beside(best)
     gap = compare(plain, best)
     left, after = locate(plain), locate(best)
     progress("done", 1.0)
@@ -86,6 +85,7 @@ class _Search:
         self.trials: list[Trial] = []
         self.rivals: list[Fit] = []
         self._outlooks: dict[frozenset[Slot], Outlook] = {}
+        self._fewer: dict[tuple[frozenset[Slot], int], Fit] = {}
 
     def plain(self) -> Fit:
         """The plain model, under the noise that it shows beside the whole library."""
@@ -103,6 +103,12 @@ class _Search:
         noise = estimate_noise(NoiseModel(study, fit.theta), gap, directions)
         return refit(study, fit.active, fit.theta, noise)
 
+    def plain_beside(self, fit: Fit) -> Fit:
+        """The plain model under the noise of a better one."""
+        while fit.active:
+            fit = self.without(fit, fit.active[-1])
+        return fit
+
     def screen(self, fit: Fit) -> Screen:
         """The whole library beside a fit."""
         return screen(fit, self.look(fit), self.random)
@@ -113,6 +119,16 @@ class _Search:
         if effects not in self._outlooks:
             self._outlooks[effects] = look(self.study, fit)
         return self._outlooks[effects]
+
+    def without(self, fit: Fit, slot: Slot) -> Fit:
+        """A model less one of its effects, under the same noise; made once."""
+        active = tuple(other for other in fit.active if other is not slot)
+        key = (frozenset(active), id(fit.noise))
+        if key not in self._fewer:
+            theta = fit.theta.copy()
+            theta[slot.first] = 0.0
+            self._fewer[key] = refit(self.study, active, theta, fit.noise)
+        return self._fewer[key]
 
     def add(self, screened: Screen, chosen: tuple[int, ...]) -> Fit:
         """The base of a screen with some of its candidates in, fitted from the linear prediction."""
@@ -219,7 +235,7 @@ class _Search:
         if len(fit.active) < 2:
             return fit
         for slot in fit.active:
-            less = refit(self.study, _without(fit.active, slot), fit.theta * _keep(fit, slot), fit.noise)
+            less = self.without(fit, slot)
             if less.cost - fit.cost < self.screen(less).threshold(FURTHER) and self._acceptable(less):
                 return less
         return fit
@@ -229,13 +245,13 @@ class _Search:
         best = fit
         self.rivals = []
         for slot in fit.active:
-            base = refit(self.study, _without(fit.active, slot), fit.theta * _keep(fit, slot), fit.noise)
+            base = self.without(fit, slot)
             ranked = self.screen(base)
             gain = base.cost - fit.cost
             likely = [
                 k
                 for k in ranked.best(_RIVALS + 1)
-                if not _same(ranked.candidates[k].slot, slot) and ranked.gain[k] >= (1 - _NEAR) * gain - RIVAL
+                if not _same(ranked.candidates[k].slot, slot) and ranked.gain[k] >= (1 - _CLOSE) * gain - RIVAL
             ]
             for k in likely[:_RIVALS]:
                 made = self.add(ranked, (k,))
@@ -248,12 +264,12 @@ class _Search:
         """Each effect with its sizes, what it explains, and who else could."""
         found = []
         for slot in fit.active:
-            base = refit(self.study, _without(fit.active, slot), fit.theta * _keep(fit, slot), fit.noise)
+            base = self.without(fit, slot)
             ranked = self.screen(base)
             places = ranked.groups.get(slot)
             gain = base.cost - fit.cost
             expected = float(ranked.gain[places].max()) if places is not None else float("nan")
-            rest = _without(fit.active, slot)
+            rest = base.active
             rivals = [
                 other
                 for other in self.rivals
@@ -303,17 +319,6 @@ def _joint_gain(screened: Screen, chosen: tuple[int, ...]) -> float:
     places = np.array(chosen)
     score = screened.score[places]
     return float(score @ np.linalg.lstsq(screened.cosine[np.ix_(places, places)], score, rcond=None)[0])
-
-
-def _without(active: tuple[Slot, ...], slot: Slot) -> tuple[Slot, ...]:
-    return tuple(other for other in active if other is not slot)
-
-
-def _keep(fit: Fit, slot: Slot) -> np.ndarray:
-    """Ones, and a zero at the size of an effect that is taken out."""
-    keep = np.ones(len(fit.theta))
-    keep[slot.first] = 0.0
-    return keep
 
 
 def _same(one: Slot, other: Slot) -> bool:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from .noise import Noise
-from .study import Slot, Study, linearise, predict
+from .study import Slot, Study, linearise
 
 _NORMAL_95 = 1.959963984540054
 _LONGEST_STEP = 1.5  # of ln(alpha), from where a fit starts
 _AT_BOUND = 1e-6
-_ENOUGH = 0.01  # of -2 log L
+_ENOUGH = 0.05  # of -2 log L
 _MOST_STEPS = 20
 
 
@@ -29,6 +29,7 @@ class Fit:
         noise: by which it was fitted.
         jacobian: whitened, of the free parameters, priors' rows below, `(reading + free, free)`.
         residual: whitened, measured minus predicted, the priors' pull below.
+        predicted: the inner readings at the rows, degC.
     """
 
     study: Study
@@ -39,6 +40,7 @@ class Fit:
     noise: Noise
     jacobian: np.ndarray = field(repr=False)
     residual: np.ndarray = field(repr=False)
+    predicted: np.ndarray = field(repr=False)
 
     @cached_property
     def free(self) -> list[int]:
@@ -87,12 +89,6 @@ class Fit:
         )
 
     @cached_property
-    def predicted(self) -> np.ndarray:
-        """The inner readings at the rows, degC."""
-        linear = self.study.is_linear(self.active)
-        return np.asarray(predict(self.study.model, jnp.asarray(self.theta), linear))
-
-    @cached_property
     def remainder(self) -> np.ndarray:
         """Measured minus predicted at the rows, K; NaN where missing."""
         return self.study.record.sensors - self.predicted
@@ -130,8 +126,17 @@ def refit(
         step[0] = np.clip(step[0], -_LONGEST_STEP, _LONGEST_STEP)
         begin[free] += step
     problem = _Problem(study, active, free, whiten)
-    theta, residual, jacobian, converged = levenberg_marquardt(problem, begin)
-    return Fit(study, active, theta, float(residual @ residual), converged, noise, jacobian, residual)
+    theta, at, converged = levenberg_marquardt(problem, begin)
+    cost = float(at.residual @ at.residual)
+    return Fit(study, active, theta, cost, converged, noise, at.jacobian, at.residual, at.predicted)
+
+
+class _Linear(NamedTuple):
+    """A problem at some parameters; see `Fit`."""
+
+    residual: np.ndarray
+    jacobian: np.ndarray
+    predicted: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,21 +152,22 @@ class _Problem:
         """The parameters within their bounds."""
         return np.clip(theta, *self.study.limits)
 
-    def at(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, theta: np.ndarray) -> _Linear:
         """The residual, measured minus model, and the model's Jacobian, priors' rows below."""
         study, free = self.study, self.free
         directions = np.zeros((max(study.most_free, len(free)), study.size))
         directions[np.arange(len(free)), free] = 1.0
         linear = study.is_linear(self.active)
-        value, slope = linearise(study.model, study.bins, theta, directions, linear=linear)
+        predicted, slope = linearise(study.model, study.bins, theta, directions, linear=linear)
         weight = 1.0 / study.prior_width[free]  # 0 where there is no prior
-        return (
-            np.concatenate([self.whiten @ (study.observed - value), -weight * theta[free]]),
+        return _Linear(
+            np.concatenate([self.whiten @ study.binned(study.record.sensors - predicted), -weight * theta[free]]),
             np.concatenate([self.whiten @ slope[: len(free)].T, np.diag(weight)]),
+            predicted,
         )
 
 
-def levenberg_marquardt(problem: _Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+def levenberg_marquardt(problem: _Problem, theta: np.ndarray) -> tuple[np.ndarray, _Linear, bool]:
     """Least squares within bounds, damped by the Jacobian's own scales.
 
     Stepped from outside the compiled model: every set of effects then shares one compilation, and bounds hold
@@ -169,18 +175,18 @@ def levenberg_marquardt(problem: _Problem, theta: np.ndarray) -> tuple[np.ndarra
     would push beyond it stands still. It ends where a step promises less than `_ENOUGH` of the cost.
 
     Returns:
-        Parameters, residual, Jacobian, and whether it converged.
+        Parameters, the problem there, and whether it converged.
 
     Source: J. J. More, Lect. Notes Math. 630 (1978), 105.
     """
     free, damping = problem.free, 1e-6
     theta = problem.bounded(theta)
-    residual, jacobian = problem.at(theta)
+    here = problem.at(theta)
     low, high = (limit[free] for limit in problem.study.limits)
     for _ in range(_MOST_STEPS):
+        residual, jacobian = here.residual, here.jacobian
         gradient = jacobian.T @ residual
-        here = theta[free]
-        moving = ~(((here <= low) & (gradient < 0)) | ((here >= high) & (gradient > 0)))
+        moving = ~(((theta[free] <= low) & (gradient < 0)) | ((theta[free] >= high) & (gradient > 0)))
         J = jacobian[:, moving]
         scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
         J = J / scale
@@ -188,25 +194,30 @@ def levenberg_marquardt(problem: _Problem, theta: np.ndarray) -> tuple[np.ndarra
         step = np.linalg.lstsq(damped, np.concatenate([residual, np.zeros(J.shape[1])]), rcond=None)[0]
         promised = float(residual @ residual - np.sum((residual - J @ step) ** 2))
         if promised < _ENOUGH:
-            return theta, residual, jacobian, True
+            return theta, here, True
         trial = theta.copy()
         trial[np.array(free)[moving]] += step / scale
         trial = problem.bounded(trial)
-        tried, slope = problem.at(trial)
-        if np.isfinite(tried).all() and tried @ tried < residual @ residual:
-            theta, residual, jacobian = trial, tried, slope
+        there = problem.at(trial)
+        if np.isfinite(there.residual).all() and there.residual @ there.residual < residual @ residual:
+            theta, here = trial, there
             damping = max(damping / 10.0, 1e-9)
         else:
             damping = max(10.0 * damping, 1e-3)
-    return theta, residual, jacobian, False
+    return theta, here, False
+
+
+def whiten_block(noise: Noise, chosen: np.ndarray) -> np.ndarray:
+    """A W for some of the readings, given by their places."""
+    lower = np.linalg.cholesky(noise.covariance[np.ix_(chosen, chosen)])
+    return solve_triangular(lower, np.eye(len(chosen)), lower=True)
 
 
 def whiten_part(noise: Noise, chosen: np.ndarray) -> np.ndarray:
-    """A W for some of the readings, given by their places: zero for the others."""
+    """The same among all readings: zero for the others. Kept, as every model is tried on the same days."""
     key = chosen.tobytes()
     if key not in noise.parts:
         part = np.zeros_like(noise.covariance)
-        lower = np.linalg.cholesky(noise.covariance[np.ix_(chosen, chosen)])
-        part[np.ix_(chosen, chosen)] = solve_triangular(lower, np.eye(len(chosen)), lower=True)
+        part[np.ix_(chosen, chosen)] = whiten_block(noise, chosen)
         noise.parts[key] = part
     return noise.parts[key]

@@ -15,13 +15,14 @@ Source: C. R. Rao, Proc. Camb. Phil. Soc. 44 (1948), 50 (the score test).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from .extend import Fit
-from .study import Slot, Study, columns
+from .study import Slot, Study, first_order_columns, linearise
 
 DRAWS = 2000
 _PAIR_DRAWS = 200
@@ -204,27 +205,41 @@ def look(study: Study, base: Fit) -> Outlook:
     differ little from the base's own: a ranking needs no more, and a refit is exact.
     """
     active = {(slot.effect.name, slot.effect.target) for slot in base.active}
-    found: dict[bool, list[tuple[Candidate, np.ndarray]]] = {True: [], False: []}
+    parts, candidates = [], []
+    scans: dict[bool, list[list[Candidate]]] = {True: [], False: []}  # by the place in each effect's scan
     for slot in study.slots:
         effect = slot.effect
         if (effect.name, effect.target) in active:
             continue
         index = {p.name: i for p, i in zip(effect.parameters, slot.indices, strict=True)}
-        for values in effect.scan(study.search):
-            where = {index[name]: value for name, value in values.items()}
-            theta = base.theta.copy()
-            theta[list(where)] = list(where.values())
-            found[effect.linear].append((Candidate(slot, where), theta))
-    parts, candidates = [], []
-    for linear in (True, False):
-        if not found[linear]:
-            continue
-        thetas = np.stack([theta for _, theta in found[linear]])
-        directions = np.zeros_like(thetas)
-        directions[np.arange(len(thetas)), [candidate.slot.first for candidate, _ in found[linear]]] = 1.0
-        parts.append(columns(study.model, study.bins, thetas, directions, first_order=not linear))
-        candidates += [candidate for candidate, _ in found[linear]]
-    return Outlook(tuple(candidates), np.concatenate(parts))
+        for count, values in enumerate(effect.scan(study.search)):
+            rounds = scans[effect.linear]
+            if count == len(rounds):
+                rounds.append([])
+            rounds[count].append(Candidate(slot, {index[name]: value for name, value in values.items()}))
+    # effects that are not in have no size: each may stand at a place of its scan in one and the same model
+    for candidate_round in scans[True]:
+        theta = _placed(base.theta, candidate_round)
+        for at in range(0, len(candidate_round), study.most_free):
+            some = candidate_round[at : at + study.most_free]
+            directions = np.zeros((study.most_free, study.size))
+            directions[np.arange(len(some)), [candidate.slot.first for candidate in some]] = 1.0
+            parts.append(linearise(study.model, study.bins, theta, directions, linear=True)[1][: len(some)])
+            candidates += some
+    others = [candidate for candidate_round in scans[False] for candidate in candidate_round]
+    if others:
+        thetas = np.stack([_placed(base.theta, [candidate]) for candidate in others])
+        directions = np.eye(study.size)[[candidate.slot.first for candidate in others]]
+        parts.append(first_order_columns(study.model, study.bins, thetas, directions))
+    return Outlook((*candidates, *others), np.concatenate(parts))
+
+
+def _placed(theta: np.ndarray, candidates: Iterable[Candidate]) -> np.ndarray:
+    """The parameters with these candidates at their places."""
+    theta = theta.copy()
+    for candidate in candidates:
+        theta[list(candidate.where)] = list(candidate.where.values())
+    return theta
 
 
 def _sign(slot: Slot) -> int:

@@ -22,7 +22,7 @@ from scipy.interpolate import PchipInterpolator
 
 from ..case import Case
 from ..effects import AIRS, SIDES, AbstractEffect, Campaign, Search, Terms, library, record_search
-from ..extended import LONGEST_SUBSTEP, first_order, respond
+from ..extended import LONGEST_SUBSTEP, face_response, first_order, respond
 from ..lom import wall_cells
 from ..record import Record
 from ..statespace import require_x64
@@ -110,41 +110,29 @@ class Bins(eqx.Module):
         return padded.reshape(-1, self.rows, values.shape[1]).sum(axis=1)
 
 
-def columns(
-    model: Model, bins: Bins, theta: np.ndarray, direction: np.ndarray, *, first_order: bool = False
-) -> np.ndarray:
-    """Derivatives of the binned predictions of a linear wall at each theta along each direction.
-
-    Arguments:
-        first_order: for directions along effects that are not linear.
+def first_order_columns(model: Model, bins: Bins, theta: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Derivatives of the binned predictions along effects that are not linear, at each theta's linear wall.
 
     Returns:
         `(column, reading)`.
     """
-    count, first = len(theta), first_order
+    count = len(theta)
     # whole chunks only, so that nothing is compiled anew for another number of columns
-    padded = [np.concatenate([part, np.repeat(part[-1:], -count % _CHUNK, axis=0)]) for part in (theta, direction)]
+    theta, direction = (
+        np.concatenate([part, np.repeat(part[-1:], -count % _CHUNK, axis=0)]) for part in (theta, direction)
+    )
     chunks = [
-        _columns(model, bins, jnp.asarray(padded[0][at : at + _CHUNK]), jnp.asarray(padded[1][at : at + _CHUNK]), first)
-        for at in range(0, len(padded[0]), _CHUNK)
+        _first_order(model, bins, jnp.asarray(theta[at : at + _CHUNK]), jnp.asarray(direction[at : at + _CHUNK]))
+        for at in range(0, len(theta), _CHUNK)
     ]
     return np.concatenate([np.asarray(chunk) for chunk in chunks])[:count]
 
 
 @eqx.filter_jit
-def _columns(
-    model: Model,
-    bins: Bins,
-    theta: Float[Array, "column param"],
-    direction: Float[Array, "column param"],
-    first_order: bool,
+def _first_order(
+    model: Model, bins: Bins, theta: Float[Array, "column param"], direction: Float[Array, "column param"]
 ) -> Float[Array, "column reading"]:
-    def one(theta: Array, direction: Array) -> Array:
-        if first_order:
-            return bins.mean(model.first_order(theta, direction))
-        return jax.jvp(lambda t: bins.mean(model.predict(t, linear=True)), (theta,), (direction,))[1]
-
-    return jax.vmap(one)(theta, direction)
+    return jax.vmap(lambda *pair: bins.mean(model.first_order(*pair)))(theta, direction)
 
 
 @eqx.filter_jit
@@ -163,17 +151,19 @@ def impulses(study: Study, theta: np.ndarray) -> np.ndarray:
 
 @eqx.filter_jit
 def _impulses(model: Model, theta: Float[Array, " param"]) -> Float[Array, "face time sensor"]:
-    still = jnp.zeros_like(model.campaign.faces)
+    campaign = model.campaign
+    still = jnp.zeros_like(campaign.faces)
 
     def response(side: int) -> Array:
         # the second row, so that the line up to it is there; what comes before is cut
         lines = still.at[0, 1, side].set(1.0).at[1, 0, side].set(1.0).at[1, 1, side].set(-1.0)
 
-        def at(size: Array) -> Array:
-            driven = eqx.tree_at(lambda m: m.campaign.faces, model, model.campaign.faces + size * lines)
-            return driven.predict(theta, linear=True)
+        def terms(size: Array) -> Terms:
+            driven = eqx.tree_at(lambda m: m.campaign.faces, model, campaign.faces + size * lines)
+            return driven.terms(theta, linear=True)
 
-        return jax.jvp(at, (jnp.zeros(()),), (jnp.ones(()),))[1]
+        whole, change = jax.jvp(terms, (jnp.zeros(()),), (jnp.ones(()),))
+        return face_response(whole, change.faces, campaign, model.diffusivity(theta))
 
     both = jnp.stack([response(0), response(1)])
     return jnp.concatenate([both[:, 1:], both[:, -1:]], axis=1)
@@ -182,7 +172,10 @@ def _impulses(model: Model, theta: Float[Array, " param"]) -> Float[Array, "face
 def linearise(
     model: Model, bins: Bins, theta: np.ndarray, directions: np.ndarray, *, linear: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Binned predictions at one theta and their derivatives, `(reading,)` and `(direction, reading)`."""
+    """Predictions at the rows, `(time, sensor)`, and their binned derivatives along directions, `(direction, reading)`.
+
+    Every number of directions is compiled anew.
+    """
     value, slope = _linearise(model, bins, jnp.asarray(theta), jnp.asarray(directions), linear)
     return np.asarray(value), np.asarray(slope)
 
@@ -190,9 +183,10 @@ def linearise(
 @eqx.filter_jit
 def _linearise(
     model: Model, bins: Bins, theta: Float[Array, " param"], directions: Float[Array, "direction param"], linear: bool
-) -> tuple[Float[Array, " reading"], Float[Array, "direction reading"]]:
+) -> tuple[Float[Array, "time sensor"], Float[Array, "direction reading"]]:
     def along(direction: Array) -> tuple[Array, Array]:
-        return jax.jvp(lambda t: bins.mean(model.predict(t, linear=linear)), (theta,), (direction,))
+        value, slope = jax.jvp(lambda t: model.predict(t, linear=linear), (theta,), (direction,))
+        return value, bins.mean(slope)
 
     return jax.vmap(along, out_axes=(None, 0))(directions)
 
@@ -209,14 +203,11 @@ def compile_together(study: Study) -> None:
     if shape in _compiled:
         return
     theta = study.neutral
-    many, directions = np.tile(theta, (_CHUNK, 1)), np.eye(study.size)[:_CHUNK]
-    free = np.zeros((study.most_free, study.size))
+    none = np.zeros((study.most_free, study.size))
     work = (
-        lambda: columns(study.model, study.bins, many, directions),
-        lambda: linearise(study.model, study.bins, theta, free, linear=True),
-        lambda: columns(study.model, study.bins, many, directions, first_order=True),
+        lambda: linearise(study.model, study.bins, theta, none, linear=True),
+        lambda: first_order_columns(study.model, study.bins, theta[None], none[:1]),
         lambda: impulses(study, theta),
-        lambda: predict(study.model, jnp.asarray(theta), True),
     )
     with ThreadPoolExecutor(min(len(work), os.cpu_count() or 1)) as pool:
         for done in [pool.submit(one) for one in work]:
@@ -264,10 +255,13 @@ class Study:
         """The number of parameters in the vector."""
         return self.slots[-1].indices.stop
 
-    @cached_property
-    def observed(self) -> np.ndarray:
-        """The binned readings, degC; 0 where there is none."""
-        return np.asarray(self.bins.mean(self.bins.observed))
+    def binned(self, values: np.ndarray) -> np.ndarray:
+        """The means of values at the rows over each bin's readings; 0 in an empty bin."""
+        present = np.asarray(self.bins.present) > 0
+        short = -len(values) % self.bins.rows
+        padded = np.pad(np.where(present, values, 0.0), ((0, short), (0, 0)))
+        total = padded.reshape(-1, self.bins.rows, self.sensors).sum(axis=1)
+        return (total / np.maximum(np.asarray(self.bins.counts()), 1.0)).T.reshape(-1)
 
     @cached_property
     def profile(self) -> range:
@@ -459,4 +453,4 @@ def _hours(record: Record) -> np.ndarray:
     return np.mod(np.asarray(stamps, float), 86400.0) / 3600.0
 
 
-__all__ = ["Bins", "Model", "Slot", "Study", "columns", "impulses", "linearise", "predict", "study"]
+__all__ = ["Bins", "Model", "Slot", "Study", "first_order_columns", "impulses", "linearise", "predict", "study"]
