@@ -1,10 +1,17 @@
 """Shared settings: float64, and every shape in a signature checked while the tests run."""
 
+import atexit
 import os
+import shutil
+import tempfile
 
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # two workers on two cores
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # workers and commands under test share what one has compiled
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = compiled = tempfile.mkdtemp(prefix="wallid-tests-")
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
+    atexit.register(shutil.rmtree, compiled, ignore_errors=True)
 
 from jaxtyping import install_import_hook
 

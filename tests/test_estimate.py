@@ -262,10 +262,10 @@ def test_the_twin_without_sun_over_20_noise_seeds():
 
 
 def test_the_case_studys_orders_against_the_large_model():
-    """The issue's figure: MIM orders 7 to 20 within 0.5 % of LOM (the paper's Table 4)."""
+    """MIM within 0.5 % of LOM (the paper's Table 4); `benchmarks.method` takes all orders from 7 to 20."""
     case = wallid.load("saint_julien")
     window = wallid.design(case)
     large = wallid.estimate(case, window, wallid.large_model(case)).value
-    for order in (7, 10, 15, 20):
+    for order in (7, 12):
         reduced = wallid.learn(case, window, order)
         assert wallid.estimate(case, window, reduced).value == pytest.approx(large, rel=5e-3)

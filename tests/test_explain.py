@@ -94,7 +94,7 @@ def test_two_hidden_effects_are_both_named(explained):
 
 
 def test_an_effect_that_is_none_of_the_known_ones_gets_no_name(explained):
-    found, _ = explained(("oscillating_diffusivity", None, {"amplitude": 0.5}))
+    found, _ = explained(("corner", None, {"distance": 0.15}))
     assert found.verdict == "unnamed", str(found)
     result = found.result()
     assert result["effects"] == []
