@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from studies import SPEC, prepare, slot_of, vector
 
-from wallid.discrepancy.study import Model, first_order_columns, linearise, predict
+from wallid.discrepancy.model import Model, first_order_columns, linearise, predict
 from wallid.effects import (
     LIBRARY,
     AirFlow,

@@ -12,7 +12,7 @@ import wallid
 from wallid.estimate import fit_experiment
 
 TRUTH = 5.21e-7
-SEEDS = 50
+SEEDS = 30  # `benchmarks.method` takes 50
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def over_seeds(case, reduced, large):
     return np.array(found)
 
 
-def test_reduced_and_large_model_agree_over_50_seeds(over_seeds):
+def test_reduced_and_large_model_agree_over_the_seeds(over_seeds):
     """The issue's figure: within 0.3 % of each other (the paper: 4 % against 1 % from the truth)."""
     reduced, large = over_seeds[:, 0, 0], over_seeds[:, 1, 0]
     assert np.abs(reduced / large - 1).max() < 3e-3

@@ -12,7 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from ._style import BLUE, DAYS, GREEN, GREY, ORANGE, RED, SKY, colour
 from .discrepancy import Explanation, Named
 from .discrepancy.extend import Fit
-from .discrepancy.study import Slot, impulses
+from .discrepancy.model import impulses
+from .discrepancy.study import Slot
 
 _DAY = 86400.0
 _WEEK = 7 * _DAY
@@ -268,7 +269,7 @@ def expected_shares(fit: Fit) -> np.ndarray:
     study, noise = fit.study, fit.noise
     rows = study.record.rows
     own = np.array([sensor.noise_std for sensor in study.case.sensors])
-    through = np.fft.rfft(impulses(study, fit.theta), axis=1)[:, 1 : (rows + 1) // 2]
+    through = np.fft.rfft(impulses(study.model, fit.theta), axis=1)[:, 1 : (rows + 1) // 2]
     omega = 2 * np.pi * np.arange(1, through.shape[1] + 1) / rows
     rho = noise.correlation
     memory = (1 - rho**2) / (1 - 2 * rho * np.cos(omega) + rho**2)

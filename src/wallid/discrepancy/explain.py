@@ -13,7 +13,7 @@ from .explanation import CHANCE as FIRST
 from .explanation import Explanation, Named, Trial
 from .extend import Fit, refit
 from .locate import locate
-from .noise import NoiseModel, estimate_noise
+from .noise import Noise, NoiseModel, estimate_noise
 from .rank import Outlook, Screen, look, screen
 from .study import Slot, Study, compile_together, study
 
@@ -85,7 +85,7 @@ class _Search:
         self.trials: list[Trial] = []
         self.rivals: list[Fit] = []
         self._outlooks: dict[frozenset[Slot], Outlook] = {}
-        self._fewer: dict[tuple[frozenset[Slot], int], Fit] = {}
+        self._fewer: dict[tuple[frozenset[Slot], Noise], Fit] = {}
 
     def plain(self) -> Fit:
         """The plain model, under the noise that it shows beside the whole library."""
@@ -123,7 +123,7 @@ class _Search:
     def without(self, fit: Fit, slot: Slot) -> Fit:
         """A model less one of its effects, under the same noise; made once."""
         active = tuple(other for other in fit.active if other is not slot)
-        key = (frozenset(active), id(fit.noise))
+        key = (frozenset(active), fit.noise)
         if key not in self._fewer:
             theta = fit.theta.copy()
             theta[slot.first] = 0.0

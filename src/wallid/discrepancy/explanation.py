@@ -8,48 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from ..effects import untestable
 from ..record import Record
 from .compare import Gap, Windows
 from .extend import Fit
 from .locate import Remainder
 from .rank import Screen
 from .study import Slot, Study
+from .words import sentence, summary
 
 LEFT_OVER = 1e-4
 """How often chance may make the omnibus test say that something is left."""
 CHANCE = 0.03
 """Over the whole library: above it, a gain is no more than chance makes."""
-_TOP = 8  # rows of the ranked table in the terminal
 _ALIKE = 0.95  # cosine from which two effects look alike
-_SEPARATIONS = (
-    (
-        {"clock_shift", "sensor_lag", "face_lag"},
-        "Swapping two loggers, or setting all clocks anew, would tell them apart.",
-    ),
-    (
-        {"sensor_offset", "face_offset", "sensor_gain", "sensor_drift", "heat_source"},
-        "A night with all sensors at one temperature, or swapping two of them, would tell them apart.",
-    ),
-    (
-        {"sensor_position", "face_depth", "surface_film", "contact_resistance", "layered_conductivity"},
-        "Measuring the sensors' depths anew, or one more sensor near that face, would tell them apart.",
-    ),
-    (
-        {"solar_gain", "lateral_loss", "air_flow"},
-        "Days with other sun and wind, or shading the face for a week, would tell them apart.",
-    ),
-    (
-        {
-            "diffusivity_drift",
-            "wetting",
-            "phase_change",
-            "temperature_dependent_conductivity",
-            "temperature_dependent_capacity",
-        },
-        "A longer record over another season would tell them apart.",
-    ),
-)
 _CLEAR = 9.0  # of -2 log L: the size that would have been told apart from none
 
 
@@ -239,88 +210,10 @@ class Explanation:
     @property
     def sentence(self) -> str:
         """The verdict in one sentence."""
-        gap, after, before = self.gap, self.after, self.before
-        verdict = self.verdict
-        low, high = self.interval_95
-        if verdict == "uninformative":
-            return (
-                f"This record does not give the diffusivity: its 95 % interval goes from {low:.2g} to {high:.2g} m2/s."
-            )
-        if verdict == "adequate":
-            return (
-                f"Nothing is missing that this record could show: the diffusivity is {after.diffusivity:.4g} m2/s and "
-                f"the gap {gap.after:.3g} K, where noise alone would leave {gap.floor:.3g} K."
-            )
-        if verdict == "unnamed":
-            worst = max(self.left_after.by_sensor, key=lambda name: self.left_after.by_sensor[name])
-            return (
-                f"Something is missing that is none of the known effects: {gap.after:.3g} K are left where noise alone "
-                f"would leave {gap.floor:.3g} K, most at {worst}; the diffusivity lies between {low:.4g} and "
-                f"{high:.4g} m2/s at best."
-            )
-        named = " and ".join(self._worded(effect) for effect in self.effects)
-        verb = "is" if len(self.effects) == 1 else "are"
-        held = (
-            ""
-            if gap.held_out_before is None or gap.held_out_after is None
-            else f" and the held-out gap from {gap.held_out_before:.3g} to {gap.held_out_after:.3g} K"
-        )
-        text = (
-            f"{named[:1].upper()}{named[1:]} {verb} missing; with it the diffusivity goes from "
-            f"{before.diffusivity:.4g} to {after.diffusivity:.4g} m2/s{held}, floor {gap.floor:.3g} K."
-        )
-        if len(self.effects) > 1:
-            text = text.replace("; with it ", "; with them ")
-        if verdict == "confusable":
-            text += " " + " ".join(self._doubt(effect) for effect in self.effects if effect.alternatives)
-        return text
-
-    def _worded(self, named: Named) -> str:
-        size = named.slot.effect.parameters[0]
-        value, std = named.values[size.name]
-        unit = f" {size.unit}" if size.unit else ""
-        return f"{self.study.label(named.slot.effect)} of {value:.3g} +- {std:.1g}{unit}"
-
-    def _doubt(self, named: Named) -> str:
-        labels = [self.study.label(slot.effect) for slot in named.alternatives]
-        return (
-            f"This record cannot tell {self.study.label(named.slot.effect)} from {' or '.join(labels)}; "
-            f"the interval spans them. {separation(named, self.study)}"
-        )
+        return sentence(self)
 
     def __str__(self) -> str:
-        study = self.study
-        low, high = self.interval_95
-        lines = [
-            f"verdict      {self.verdict}: {self.sentence}",
-            f"diffusivity  {self.after.diffusivity:.4g} m2/s   (95 %: {low:.4g} to {high:.4g}); "
-            f"plain model {self.before.diffusivity:.4g}",
-            f"readings     {study.record.rows} rows, {self.after.noise}",
-            f"left over    omnibus test p = {self.left_before.p_value:.2g} before, {self.left_after.p_value:.2g} after",
-        ]
-        for named in self.effects:
-            values = ", ".join(
-                f"{p.name} {named.values[p.name][0]:.4g} +- {named.values[p.name][1]:.1g} {p.unit}".rstrip()
-                for p in named.slot.effect.parameters
-            )
-            lines.append(f"effect       {study.label(named.slot.effect)}: {values}")
-            lines.append(
-                f"             -2 log L drops by {named.gain:.1f} ({named.expected:.1f} expected), "
-                f"p <= {named.p_value:.2g}; by windows {_list(named.windows.size)} "
-                f"(same: p = {named.windows.p_value:.2g})"
-            )
-        lines.append("ranked       expected gain, gain, size, shift of the diffusivity, what looks like it")
-        for row in self.table[:_TOP]:
-            lines.append(f"             {row}")
-        if missing := untestable(study.sensors, study.record.regressors):
-            words = "; ".join(f"{name} (needs {', '.join(needs)})" for name, needs in missing.items())
-            lines.append(f"not testable {words}")
-        if self.verdict == "adequate":
-            smallest = sorted(self.table, key=lambda row: row.label)
-            lines.append("would show   the smallest size of each effect that this record would have shown:")
-            sizes = self.smallest()
-            lines += [f"             {row.label}: {sizes[row.label]:.2g} {row.unit}".rstrip() for row in smallest]
-        return "\n".join(lines)
+        return summary(self)
 
     def result(self) -> dict[str, Any]:
         """The part of result.json that is the diagnosis."""
@@ -378,19 +271,6 @@ def _likenesses(screen: Screen, place: int) -> list[Slot]:
     return list(found)
 
 
-def separation(named: Named, study: Study) -> str:
-    """Which experiment would tell an effect from its alternatives."""
-    names = {named.slot.effect.name, *(slot.effect.name for slot in named.alternatives)}
-    for group, advice in _SEPARATIONS:
-        if names & group:
-            return advice
-    return "A record with other weather, or one more sensor between the others, would tell them apart."
-
-
-def _list(values: np.ndarray) -> str:
-    return ", ".join(f"{value:.3g}" for value in values)
-
-
 def _quantity(fit: Fit, interval: tuple[float, float]) -> dict[str, Any]:
     value = fit.diffusivity
     return {"value": value, "std": value * fit.log_std, "interval_95": list(interval), "unit": "m2/s"}
@@ -412,4 +292,4 @@ def parameters(named: Named, record: Record) -> dict[str, Any]:
     return found
 
 
-__all__ = ["Explanation", "Named", "Row", "Trial", "parameters", "separation"]
+__all__ = ["Explanation", "Named", "Row", "Trial", "parameters"]

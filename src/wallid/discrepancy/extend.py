@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from .model import linearise
 from .noise import Noise
-from .study import Slot, Study, linearise
+from .study import Slot, Study
 
 _NORMAL_95 = 1.959963984540054
 _LONGEST_STEP = 1.5  # of ln(alpha), from where a fit starts

@@ -23,7 +23,8 @@ from scipy.fft import dct
 from scipy.linalg import solve_triangular, toeplitz
 from scipy.optimize import minimize
 
-from .study import Study, impulses
+from .model import impulses
+from .study import Study
 
 _LEAST_SHARE = 0.3  # a frequency of which the directions taken out leave less says nothing about noise
 _RANK = 1e-4  # of the directions taken out, relative to the largest after whitening
@@ -33,7 +34,7 @@ _SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _CORRELATIONS = (0.3, 0.5, 0.6, 0.7, 0.76, 0.82, 0.86, 0.89, 0.92, 0.95, 0.97)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Noise:
     """The noise's size and memory, and what follows from it.
 
@@ -74,7 +75,7 @@ class NoiseModel:
         self.count = -(-rows // bins.rows)
         self.sensor_std = np.array([sensor.noise_std for sensor in study.case.sensors])
         self.face_std = study.record.boundary_noise_std
-        self.response = impulses(study, theta)  # (face, row, sensor)
+        self.response = impulses(study.model, theta)  # (face, row, sensor)
         padded = np.pad(self.response, ((0, 0), (0, self.count * bins.rows - rows), (0, 0)))
         # of a bin's mean to a change of a face over a whole bin
         held = np.cumsum(padded, axis=1)

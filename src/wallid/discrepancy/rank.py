@@ -22,7 +22,8 @@ from functools import cached_property
 import numpy as np
 
 from .extend import Fit
-from .study import Slot, Study, first_order_columns, linearise
+from .model import first_order_columns, linearise
+from .study import Slot, Study
 
 DRAWS = 2000
 _PAIR_DRAWS = 200

@@ -1,9 +1,9 @@
-"""A case as the search for a missing effect sees it: one vector of parameters, one model, binned readings.
+"""A case as the search for a missing effect sees it: what each parameter is, how far it may go, which are free.
 
 The parameters are the diffusivity, what is free beside it (sine modes of the initial profile, position
 errors and offsets within what the case says of its sensors, each with its prior), and those of every effect of the
 library. An effect is in when its parameters are among those that a fit may move; the others keep their neutral
-values, at which the model is the plain one exactly. So one compiled model serves every combination.
+values.
 """
 
 from __future__ import annotations
@@ -13,206 +13,22 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 from scipy.interpolate import PchipInterpolator
 
 from ..case import Case
-from ..effects import AIRS, SIDES, AbstractEffect, Campaign, Search, Terms, library, record_search
-from ..extended import LONGEST_SUBSTEP, face_response, first_order, respond
+from ..effects import AIRS, SIDES, AbstractEffect, Campaign, Search, library, record_search
+from ..extended import LONGEST_SUBSTEP
 from ..lom import wall_cells
 from ..record import Record
 from ..statespace import require_x64
 from ..wall import InputError
+from .model import PROFILE_MODES, Bins, Model, first_order_columns, impulses, linearise
 
-PROFILE_MODES = 8
 MOST_READINGS = 1500
 """Rows are put together in bins until there are no more readings than this: their covariance is dense."""
 _NODES = 61
-_CHUNK = 16  # columns of the Jacobian at once
-
-
-class Model(eqx.Module):
-    """The wall with the whole library in, as a function of the one vector of parameters."""
-
-    campaign: Campaign
-    effects: tuple[AbstractEffect, ...]
-    log_prior: Float[Array, ""]
-    sensors: int = eqx.field(static=True)
-    substeps: int = eqx.field(static=True)
-
-    def predict(self, theta: Float[Array, " param"], *, linear: bool) -> Float[Array, "time sensor"]:
-        """The inner sensors' readings, degC; `linear` leaves the effects out that are not."""
-        terms = self.terms(theta, linear=linear)
-        return respond(
-            terms, self.campaign, self.diffusivity(theta), self.profile(theta), linear=linear, substeps=self.substeps
-        )
-
-    def first_order(
-        self, theta: Float[Array, " param"], direction: Float[Array, " param"]
-    ) -> Float[Array, "time sensor"]:
-        """The derivative of the readings along effects that are not linear, at their neutral sizes, K."""
-        terms, change = jax.jvp(lambda t: self.terms(t, linear=False), (theta,), (direction,))
-        return first_order(
-            terms, change, self.campaign, self.diffusivity(theta), self.profile(theta), substeps=self.substeps
-        )
-
-    def diffusivity(self, theta: Float[Array, " param"]) -> Array:
-        """m2/s."""
-        return jnp.exp(self.log_prior + theta[0])
-
-    def profile(self, theta: Float[Array, " param"]) -> Float[Array, " mode"]:
-        """Amplitudes of the initial profile, K."""
-        return theta[1 : 1 + PROFILE_MODES]
-
-    def terms(self, theta: Float[Array, " param"], *, linear: bool) -> Terms:
-        """The wall's terms with every effect at its parameters."""
-        first = 1 + PROFILE_MODES
-        position, offset = theta[first : first + self.sensors], theta[first + self.sensors : first + 2 * self.sensors]
-        terms = Terms.plain(self.campaign).add(position=position, offset=offset)
-        used = first + 2 * self.sensors
-        for effect in self.effects:
-            if effect.linear or not linear:
-                values = {p.name: theta[used + i] for i, p in enumerate(effect.parameters)}
-                terms = effect.at(values).extend(terms, self.campaign)
-            used += len(effect.parameters)
-        return terms
-
-
-class Bins(eqx.Module):
-    """Readings put together over so many rows.
-
-    Arguments:
-        observed: degC, 0 where missing. present: 1 where there is a reading.
-        rows: of a bin.
-    """
-
-    observed: Float[Array, "time sensor"]
-    present: Float[Array, "time sensor"]
-    rows: int = eqx.field(static=True)
-
-    def mean(self, values: Float[Array, "time sensor"]) -> Float[Array, " reading"]:
-        """The mean of the rows present in each bin, sensor by sensor; 0 in an empty one."""
-        count = self._sum(self.present)
-        total = self._sum(values * self.present)
-        return (total / jnp.maximum(count, 1.0)).T.reshape(-1)
-
-    def counts(self) -> Float[Array, "bin sensor"]:
-        """How many rows of each bin have a reading."""
-        return self._sum(self.present)
-
-    def _sum(self, values: Array) -> Array:
-        short = -values.shape[0] % self.rows
-        padded = jnp.pad(values, ((0, short), (0, 0)))
-        return padded.reshape(-1, self.rows, values.shape[1]).sum(axis=1)
-
-
-def first_order_columns(model: Model, bins: Bins, theta: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Derivatives of the binned predictions along effects that are not linear, at each theta's linear wall.
-
-    Returns:
-        `(column, reading)`.
-    """
-    count = len(theta)
-    # whole chunks only, so that nothing is compiled anew for another number of columns
-    theta, direction = (
-        np.concatenate([part, np.repeat(part[-1:], -count % _CHUNK, axis=0)]) for part in (theta, direction)
-    )
-    chunks = [
-        _first_order(model, bins, jnp.asarray(theta[at : at + _CHUNK]), jnp.asarray(direction[at : at + _CHUNK]))
-        for at in range(0, len(theta), _CHUNK)
-    ]
-    return np.concatenate([np.asarray(chunk) for chunk in chunks])[:count]
-
-
-@eqx.filter_jit
-def _first_order(
-    model: Model, bins: Bins, theta: Float[Array, "column param"], direction: Float[Array, "column param"]
-) -> Float[Array, "column reading"]:
-    return jax.vmap(lambda *pair: bins.mean(model.first_order(*pair)))(theta, direction)
-
-
-@eqx.filter_jit
-def predict(model: Model, theta: Float[Array, " param"], linear: bool) -> Float[Array, "time sensor"]:
-    """The inner sensors' readings, degC."""
-    return model.predict(theta, linear=linear)
-
-
-def impulses(study: Study, theta: np.ndarray) -> np.ndarray:
-    """What the inner readings make of 1 K more at one row of one face, `(face, row, sensor)`.
-
-    Between its rows a reading's error is taken as a straight line. Effects at the faces (their lag) apply.
-    """
-    return np.asarray(_impulses(study.model, jnp.asarray(theta)))
-
-
-@eqx.filter_jit
-def _impulses(model: Model, theta: Float[Array, " param"]) -> Float[Array, "face time sensor"]:
-    campaign = model.campaign
-    still = jnp.zeros_like(campaign.faces)
-
-    def response(side: int) -> Array:
-        # the second row, so that the line up to it is there; what comes before is cut
-        lines = still.at[0, 1, side].set(1.0).at[1, 0, side].set(1.0).at[1, 1, side].set(-1.0)
-
-        def terms(size: Array) -> Terms:
-            driven = eqx.tree_at(lambda m: m.campaign.faces, model, campaign.faces + size * lines)
-            return driven.terms(theta, linear=True)
-
-        whole, change = jax.jvp(terms, (jnp.zeros(()),), (jnp.ones(()),))
-        return face_response(whole, change.faces, campaign, model.diffusivity(theta))
-
-    both = jnp.stack([response(0), response(1)])
-    return jnp.concatenate([both[:, 1:], both[:, -1:]], axis=1)
-
-
-def linearise(
-    model: Model, bins: Bins, theta: np.ndarray, directions: np.ndarray, *, linear: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Predictions at the rows, `(time, sensor)`, and their binned derivatives along directions, `(direction, reading)`.
-
-    Every number of directions is compiled anew.
-    """
-    value, slope = _linearise(model, bins, jnp.asarray(theta), jnp.asarray(directions), linear)
-    return np.asarray(value), np.asarray(slope)
-
-
-@eqx.filter_jit
-def _linearise(
-    model: Model, bins: Bins, theta: Float[Array, " param"], directions: Float[Array, "direction param"], linear: bool
-) -> tuple[Float[Array, "time sensor"], Float[Array, "direction reading"]]:
-    def along(direction: Array) -> tuple[Array, Array]:
-        value, slope = jax.jvp(lambda t: model.predict(t, linear=linear), (theta,), (direction,))
-        return value, bins.mean(slope)
-
-    return jax.vmap(along, out_axes=(None, 0))(directions)
-
-
-_compiled: set[tuple[object, ...]] = set()
-
-
-def compile_together(study: Study) -> None:
-    """Compile what every search needs side by side: a person waits for the sum otherwise.
-
-    Does nothing where records of this shape have been searched before.
-    """
-    shape = (study.record.rows, study.sensors, study.model.substeps, tuple(type(s.effect) for s in study.slots))
-    if shape in _compiled:
-        return
-    theta = study.neutral
-    none = np.zeros((study.most_free, study.size))
-    work = (
-        lambda: linearise(study.model, study.bins, theta, none, linear=True),
-        lambda: first_order_columns(study.model, study.bins, theta[None], none[:1]),
-        lambda: impulses(study, theta),
-    )
-    with ThreadPoolExecutor(min(len(work), os.cpu_count() or 1)) as pool:
-        for done in [pool.submit(one) for one in work]:
-            done.result()
-    _compiled.add(shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -453,4 +269,25 @@ def _hours(record: Record) -> np.ndarray:
     return np.mod(np.asarray(stamps, float), 86400.0) / 3600.0
 
 
-__all__ = ["Bins", "Model", "Slot", "Study", "first_order_columns", "impulses", "linearise", "predict", "study"]
+_compiled: set[tuple[object, ...]] = set()
+
+
+def compile_together(study: Study) -> None:
+    """Compile what every search needs side by side: a person waits for the sum otherwise.
+
+    Does nothing where records of this shape have been searched before.
+    """
+    shape = (study.record.rows, study.sensors, study.model.substeps, tuple(type(s.effect) for s in study.slots))
+    if shape in _compiled:
+        return
+    theta = study.neutral
+    none = np.zeros((study.most_free, study.size))
+    work = (
+        lambda: linearise(study.model, study.bins, theta, none, linear=True),
+        lambda: first_order_columns(study.model, study.bins, theta[None], none[:1]),
+        lambda: impulses(study.model, theta),
+    )
+    with ThreadPoolExecutor(min(len(work), os.cpu_count() or 1)) as pool:
+        for done in [pool.submit(one) for one in work]:
+            done.result()
+    _compiled.add(shape)
