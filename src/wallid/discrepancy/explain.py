@@ -27,6 +27,7 @@ _SINGLES, _PAIRS, _RIVALS = 5, 3, 4
 _NEAR = 0.35  # how far a rival's expected gain may fall short, relative, to be worth a refit
 _PER_PLACE = 3.0  # of -2 log L: what finding a place or an hour between the scan's gains by chance
 _CLOSE = 0.2  # the same for an effect in the place of one that has been fitted
+_TOLD = 2.0  # standard deviations from none that a size must be, with its places and hours free
 _ROUNDS = 4
 
 Progress = Callable[[str, float], None]
@@ -301,6 +302,8 @@ def refusal(fit: Fit) -> str:
         return "no finite fit"
     for slot in fit.active:
         size = slot.effect.parameters[0]
+        if abs(fit.theta[slot.first]) < _TOLD * fit.std(slot.first):
+            return f"{study.label(slot.effect)} of a size that this record cannot tell from none"
         if size.worth is not None and abs(fit.theta[slot.first]) < size.worth and _pull(fit, slot) < 0.5:
             return f"{study.label(slot.effect)} smaller than {size.worth:g} {size.unit}, and moves nothing"
     return ""
