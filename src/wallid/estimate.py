@@ -45,7 +45,7 @@ from .wall import InputError
 LOWEST, HIGHEST = 1e-10, 1e-2
 """Bounds of the search, m2/s: past any solid. An estimate at one is none."""
 
-_NORMAL_95 = 1.959963984540054  # 97.5 % quantile of the normal distribution
+NORMAL_95 = 1.959963984540054  # 97.5 % quantile of the normal distribution
 _NO_INFORMATION = 1e-9  # singular value over the largest: this direction is not in the record
 
 
@@ -292,7 +292,7 @@ def _conclude(case: Case, window: Window, data: Experiment, fit: _Fit, model: st
     covariance[0, 0] += shift**2
     value = float(fit.trace.parameters[count - 1, 0])
     std_log = float(np.sqrt(covariance[0, 0]))
-    half = min(_NORMAL_95 * std_log, 700.0)  # exp(709) is the largest float
+    half = min(NORMAL_95 * std_log, 700.0)  # exp(709) is the largest float
     interval = (value * float(np.exp(-half)), value * float(np.exp(half)))
     offset_std = np.asarray(data.offset_std)[list(data.offsets)]
     names = [case.sensors[s].name for s in data.offsets]

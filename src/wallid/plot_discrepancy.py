@@ -14,11 +14,11 @@ from .discrepancy import Explanation, Named
 from .discrepancy.extend import Fit
 from .discrepancy.model import impulses
 from .discrepancy.study import Slot
+from .estimate import NORMAL_95
 
 _DAY = 86400.0
 _WEEK = 7 * _DAY
 _CLIPPED = 98.0  # percentile of the residuals that the map's colours reach: single outliers would bleach it
-_NORMAL_95 = 1.959963984540054
 _KOLMOGOROV_95 = 1.358
 _SHOWN = 12
 
@@ -231,10 +231,10 @@ def size_by_window(ax: Axes, explanation: Explanation, named: Named) -> None:
     size = named.slot.effect.parameters[0]
     value, std = named.values[size.name]
     windows = named.windows
-    ax.axhspan(value - _NORMAL_95 * std, value + _NORMAL_95 * std, color=SKY, alpha=0.35, lw=0, label="whole record")
+    ax.axhspan(value - NORMAL_95 * std, value + NORMAL_95 * std, color=SKY, alpha=0.35, lw=0, label="whole record")
     ax.axhline(value, color=BLUE, lw=1.0)
     ax.errorbar(
-        windows.days, windows.size, _NORMAL_95 * windows.std, fmt="o", color=GREY, capsize=3, label="each quarter"
+        windows.days, windows.size, NORMAL_95 * windows.std, fmt="o", color=GREY, capsize=3, label="each quarter"
     )
     ax.axhline(0.0, color=RED, ls="--", lw=1.0, label="none")
     unit = f" ({size.unit})" if size.unit else " (-)"

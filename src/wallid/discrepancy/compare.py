@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
-from .extend import Fit, refit, whiten_block
+from .extend import Fit, refit, whiten_block, whiten_part
 from .study import Slot, Study
 
 _DAY = 86400.0
@@ -85,8 +84,7 @@ def cost_outside(fit: Fit) -> float:
         return 0.0
     binned = study.binned(_trained(fit, held).remainder)
     chosen = np.flatnonzero(_bins_with(study, held))
-    W = whiten_block(fit.noise, chosen)
-    return float(np.sum((W @ binned[chosen]) ** 2))
+    return float(np.sum((whiten_part(fit.noise, chosen) @ binned) ** 2))
 
 
 def _bins_with(study: Study, rows: np.ndarray) -> np.ndarray:
@@ -119,10 +117,8 @@ def windows(fit: Fit, slot: Slot) -> Windows:
     """
     study, noise = fit.study, fit.noise
     place = fit.free.index(slot.first)
-    readings = len(noise.whiten)
-    bins = readings // study.sensors
-    J = solve_triangular(noise.whiten, fit.jacobian[:readings], lower=True)
-    r = solve_triangular(noise.whiten, fit.residual[:readings], lower=True)
+    bins = len(noise.whiten) // study.sensors
+    J, r = fit.in_kelvin()
     prior = 1.0 / (_OTHERS * np.sqrt(np.diag(fit.covariance)))
     prior[place] = 0.0
     edges = np.linspace(0, bins, _WINDOWS + 1).astype(int)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from ..case import Case
 from .compare import compare, cost_outside, windows
@@ -97,10 +96,8 @@ class _Search:
     def settle(self, fit: Fit) -> Fit:
         """The same model under the noise that it shows beside every direction of the library."""
         study = self.study
-        readings = len(fit.noise.whiten)
-        free = solve_triangular(fit.noise.whiten, fit.jacobian[:readings], lower=True).T
-        gap = solve_triangular(fit.noise.whiten, fit.residual[:readings], lower=True)
-        directions = np.concatenate([self.look(fit).columns, free])
+        free, gap = fit.in_kelvin()
+        directions = np.concatenate([self.look(fit).columns, free.T])
         noise = estimate_noise(NoiseModel(study, fit.theta), gap, directions)
         return refit(study, fit.active, fit.theta, noise)
 

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from ..estimate import NORMAL_95
 from .model import linearise
 from .noise import Noise
 from .study import Slot, Study
 
-_NORMAL_95 = 1.959963984540054
 _LONGEST_STEP = 1.5  # of ln(alpha), from where a fit starts
 _AT_BOUND = 1e-6
 _ENOUGH = 0.05  # of -2 log L
@@ -68,7 +68,7 @@ class Fit:
     @property
     def interval_95(self) -> tuple[float, float]:
         """m2/s, symmetric in ln(diffusivity)."""
-        width = np.exp(min(_NORMAL_95 * self.log_std, 50.0))
+        width = np.exp(min(NORMAL_95 * self.log_std, 50.0))
         return self.diffusivity / width, self.diffusivity * width
 
     def std(self, index: int) -> float:
@@ -93,6 +93,12 @@ class Fit:
     def remainder(self) -> np.ndarray:
         """Measured minus predicted at the rows, K; NaN where missing."""
         return self.study.record.sensors - self.predicted
+
+    def in_kelvin(self) -> tuple[np.ndarray, np.ndarray]:
+        """Jacobian and residual of the binned readings, before whitening and without the priors' rows."""
+        W = self.noise.whiten
+        J, r = (solve_triangular(W, part[: len(W)], lower=True) for part in (self.jacobian, self.residual))
+        return J, r
 
     @property
     def gap(self) -> float:

@@ -42,7 +42,7 @@ class Noise:
         white, lasting: variances over the stated ones, of the white and of the autocorrelated part.
         correlation: of the latter, from row to row.
         whiten: W, lower triangular, with `W' W` the inverse covariance of the binned readings.
-        spread: standard deviation of ln(the power of slow noise), by which tests allow for its estimate.
+        spread: standard deviation of ln(the power of slow noise), by which the screen allows for its estimate.
         floor: what noise alone would leave at the rows, root mean square, K.
         parts: whitenings of some of the readings, made once.
     """
