@@ -14,7 +14,7 @@ from studies import SPEC, prepare, slot_of, trimmed
 
 from wallid.discrepancy.compare import compare, held_out, windows
 from wallid.discrepancy.extend import refit
-from wallid.discrepancy.locate import locate
+from wallid.discrepancy.locate import chance, locate
 from wallid.discrepancy.noise import NoiseModel
 from wallid.discrepancy.rank import Candidate, Outlook, look, screen
 from wallid.discrepancy.study import Study
@@ -223,6 +223,16 @@ def test_the_omnibus_test_is_fair_and_sees_a_slow_wave(ranked):
     assert slow.p_value < 1e-4
     assert slow.statistic == pytest.approx(slow.smooth @ slow.smooth)
     assert np.abs(ranked.base.jacobian.T @ slow.smooth).max() < 1e-6 * np.abs(ranked.base.jacobian).sum(axis=0).max()
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.1, 0.4])
+def test_chance_counts_that_the_power_of_the_noise_is_an_estimate(spread):
+    """Against draws of a chi-square times a lognormal."""
+    rng = np.random.default_rng(5)
+    drawn_values = rng.chisquare(50, 100_000) * np.exp(spread * rng.standard_normal(100_000))
+    for value in (45.0, 60.0, 75.0):
+        rate = np.mean(drawn_values > value)
+        assert chance(value, 50, spread) == pytest.approx(rate, abs=4 * np.sqrt(rate * (1 - rate) / 100_000))
 
 
 def test_where_the_remainder_sits(ranked):

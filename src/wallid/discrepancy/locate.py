@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.polynomial.hermite_e import hermegauss
 from scipy.stats import chi2
 
 from .extend import Fit
@@ -13,6 +14,7 @@ _SLOW = 10  # cosines over the record, per sensor
 _MODULATIONS = 6  # of the diffusivity's sensitivity, per sensor
 _DAILY = (1, 2)  # harmonics of the day, per sensor
 _RANK = 1e-3
+_NODES = 40  # of the Gauss-Hermite rule over the noise's power
 _DAY = 86400.0
 
 
@@ -24,8 +26,8 @@ class Remainder:
         by_sensor: root mean square, K, per sensor. by_hour: mean per sensor and hour of the day, K.
         by_day: root mean square per sensor and day, K.
         statistic, freedom: of the omnibus test: the squared length of the whitened residual in slow, daily and
-            diffusivity-like directions, chi-square where nothing is missing.
-        p_value: of it.
+            diffusivity-like directions, chi-square where nothing is missing and the noise's power is known.
+        p_value: of it, as far as the record leaves that power open.
         smooth: the part of the residual in these directions, whitened.
     """
 
@@ -58,7 +60,14 @@ def locate(fit: Fit) -> Remainder:
     along = basis.T @ fit.residual
     statistic = float(along @ along)
     freedom = basis.shape[1]
-    return Remainder(by_sensor, by_hour, by_day, statistic, freedom, float(chi2.sf(statistic, freedom)), basis @ along)
+    p_value = chance(statistic, freedom, fit.noise.spread)
+    return Remainder(by_sensor, by_hour, by_day, statistic, freedom, p_value, basis @ along)
+
+
+def chance(statistic: float, freedom: int, spread: float) -> float:
+    """How often `exp(spread z) chi^2` passes a value, z standard normal: chi-square in noise of uncertain power."""
+    node, weight = hermegauss(_NODES)
+    return float(weight @ chi2.sf(statistic * np.exp(-spread * node), freedom) / weight.sum())
 
 
 def _mean(values: np.ndarray) -> np.ndarray:
