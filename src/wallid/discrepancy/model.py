@@ -17,7 +17,7 @@ from ..effects import AbstractEffect, Campaign, Terms
 from ..extended import face_response, first_order, respond
 
 PROFILE_MODES = 8
-_CHUNK = 16  # columns of the Jacobian at once
+_CHUNK = 4  # columns at once: more would not fit the cache
 
 
 class Model(eqx.Module):
@@ -37,12 +37,18 @@ class Model(eqx.Module):
         )
 
     def first_order(
-        self, theta: Float[Array, " param"], direction: Float[Array, " param"]
+        self, base: Float[Array, " param"], theta: Float[Array, " param"], direction: Float[Array, " param"]
     ) -> Float[Array, "time sensor"]:
-        """The derivative of the readings along effects that are not linear, at their neutral sizes, K."""
+        """The derivative of the readings along an effect at its neutral size, beside the base's linear part, K.
+
+        Arguments:
+            theta: the base with the effect at its place.
+            direction: of the effect's size.
+        """
         terms, change = jax.jvp(lambda t: self.terms(t, linear=False), (theta,), (direction,))
+        wall = self.terms(base, linear=True)
         return first_order(
-            terms, change, self.campaign, self.diffusivity(theta), self.profile(theta), substeps=self.substeps
+            wall, terms, change, self.campaign, self.diffusivity(base), self.profile(base), substeps=self.substeps
         )
 
     def diffusivity(self, theta: Float[Array, " param"]) -> Array:
@@ -95,8 +101,14 @@ class Bins(eqx.Module):
         return padded.reshape(-1, self.rows, values.shape[1]).sum(axis=1)
 
 
-def first_order_columns(model: Model, bins: Bins, theta: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Derivatives of the binned predictions along effects that are not linear, at each theta's linear wall.
+def first_order_columns(
+    model: Model, bins: Bins, base: np.ndarray, theta: np.ndarray, direction: np.ndarray
+) -> np.ndarray:
+    """Derivatives of the binned predictions along effects at their neutral sizes, beside a base's linear part.
+
+    Arguments:
+        theta: the base with each effect at its place, `(column, param)`.
+        direction: of each effect's size, `(column, param)`.
 
     Returns:
         `(column, reading)`.
@@ -107,17 +119,21 @@ def first_order_columns(model: Model, bins: Bins, theta: np.ndarray, direction: 
         np.concatenate([part, np.repeat(part[-1:], -count % _CHUNK, axis=0)]) for part in (theta, direction)
     )
     chunks = [
-        _first_order(model, bins, jnp.asarray(theta[at : at + _CHUNK]), jnp.asarray(direction[at : at + _CHUNK]))
-        for at in range(0, len(theta), _CHUNK)
+        _first_order(model, bins, *(jnp.asarray(part) for part in (base, theta[some], direction[some])))
+        for some in (slice(at, at + _CHUNK) for at in range(0, len(theta), _CHUNK))
     ]
     return np.concatenate([np.asarray(chunk) for chunk in chunks])[:count]
 
 
 @eqx.filter_jit
 def _first_order(
-    model: Model, bins: Bins, theta: Float[Array, "column param"], direction: Float[Array, "column param"]
+    model: Model,
+    bins: Bins,
+    base: Float[Array, " param"],
+    theta: Float[Array, "column param"],
+    direction: Float[Array, "column param"],
 ) -> Float[Array, "column reading"]:
-    return jax.vmap(lambda *pair: bins.mean(model.first_order(*pair)))(theta, direction)
+    return jax.vmap(lambda *pair: bins.mean(model.first_order(base, *pair)))(theta, direction)
 
 
 @eqx.filter_jit

@@ -15,14 +15,13 @@ Source: C. R. Rao, Proc. Camb. Phil. Soc. 44 (1948), 50 (the score test).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from .extend import Fit
-from .model import first_order_columns, linearise
+from .model import first_order_columns
 from .study import Slot, Study
 
 DRAWS = 2000
@@ -202,44 +201,25 @@ def screen(base: Fit, outlook: Outlook, random: np.random.Generator) -> Screen:
 def look(study: Study, base: Fit) -> Outlook:
     """The derivative of every effect that is not in a fitted model, at every place of its scan.
 
-    Effects that are not linear are taken to first order about the base's linear part, whose temperatures
-    differ little from the base's own: a ranking needs no more, and a refit is exact.
+    To first order about the base's linear part, whose temperatures differ little from the base's own: a ranking
+    needs no more, and a refit is exact.
     """
     active = {(slot.effect.name, slot.effect.target) for slot in base.active}
-    parts, candidates = [], []
-    scans: dict[bool, list[list[Candidate]]] = {True: [], False: []}  # by the place in each effect's scan
+    candidates = []
     for slot in study.slots:
-        effect = slot.effect
-        if (effect.name, effect.target) in active:
-            continue
-        index = {p.name: i for p, i in zip(effect.parameters, slot.indices, strict=True)}
-        for count, values in enumerate(effect.scan(study.search)):
-            rounds = scans[effect.linear]
-            if count == len(rounds):
-                rounds.append([])
-            rounds[count].append(Candidate(slot, {index[name]: value for name, value in values.items()}))
-    # effects that are not in have no size: each may stand at a place of its scan in one and the same model
-    for candidate_round in scans[True]:
-        theta = _placed(base.theta, candidate_round)
-        for at in range(0, len(candidate_round), study.most_free):
-            some = candidate_round[at : at + study.most_free]
-            directions = np.zeros((study.most_free, study.size))
-            directions[np.arange(len(some)), [candidate.slot.first for candidate in some]] = 1.0
-            parts.append(linearise(study.model, study.bins, theta, directions, linear=True)[1][: len(some)])
-            candidates += some
-    others = [candidate for candidate_round in scans[False] for candidate in candidate_round]
-    if others:
-        thetas = np.stack([_placed(base.theta, [candidate]) for candidate in others])
-        directions = np.eye(study.size)[[candidate.slot.first for candidate in others]]
-        parts.append(first_order_columns(study.model, study.bins, thetas, directions))
-    return Outlook((*candidates, *others), np.concatenate(parts))
+        if (slot.effect.name, slot.effect.target) not in active:
+            index = {p.name: i for p, i in zip(slot.effect.parameters, slot.indices, strict=True)}
+            for values in slot.effect.scan(study.search):
+                candidates.append(Candidate(slot, {index[name]: value for name, value in values.items()}))
+    thetas = np.stack([_placed(base.theta, candidate) for candidate in candidates])
+    directions = np.eye(study.size)[[candidate.slot.first for candidate in candidates]]
+    return Outlook(tuple(candidates), first_order_columns(study.model, study.bins, base.theta, thetas, directions))
 
 
-def _placed(theta: np.ndarray, candidates: Iterable[Candidate]) -> np.ndarray:
-    """The parameters with these candidates at their places."""
+def _placed(theta: np.ndarray, candidate: Candidate) -> np.ndarray:
+    """The parameters with a candidate at its place."""
     theta = theta.copy()
-    for candidate in candidates:
-        theta[list(candidate.where)] = list(candidate.where.values())
+    theta[list(candidate.where)] = list(candidate.where.values())
     return theta
 
 

@@ -284,7 +284,7 @@ def compile_together(study: Study) -> None:
     none = np.zeros((study.most_free, study.size))
     work = (
         lambda: linearise(study.model, study.bins, theta, none, linear=True),
-        lambda: first_order_columns(study.model, study.bins, theta[None], none[:1]),
+        lambda: first_order_columns(study.model, study.bins, theta, theta[None], none[:1]),
         lambda: impulses(study.model, theta),
     )
     with ThreadPoolExecutor(min(len(work), os.cpu_count() or 1)) as pool:

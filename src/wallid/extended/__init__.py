@@ -1,13 +1,15 @@
 """The large model with effects in: from `Terms` to the readings that a campaign would give.
 
 A wall whose terms are linear and constant in time is solved exactly in its modes (`linear.py`), any other
-through diffrax (`nonlinear.py`); both share the wall's cells (`cells.py`) and its sensors (`sensors.py`).
+through diffrax (`nonlinear.py`); both share the wall's cells (`cells.py`) and its sensors (`sensors.py`). What any
+effect would change to first order is one linear solve (`first_order.py`).
 """
 
 from .cells import Cells, cells, start
+from .first_order import first_order
 from .linear import linear_course
 from .nonlinear import LONGEST_SUBSTEP, LinearlyImplicit, nonlinear_course
-from .respond import face_response, first_order, respond
+from .respond import face_response, respond
 from .sensors import readings
 
 __all__ = [

@@ -137,12 +137,24 @@ def start(wall: Cells, campaign: Campaign, profile: Float[Array, " mode"]) -> Fl
     return line[0] + (line[1] - line[0]) * xi + modes @ profile
 
 
-def coefficients(wall: Cells, diffusivity: Array) -> tuple[Array, Array, Array]:
-    """`lower, diagonal, upper` of the linear wall's rate, over all inner nodes; the ends belong to the faces."""
-    conductance = diffusivity / wall.resistance
-    lower = conductance[:-1] / wall.capacity + wall.advection
-    upper = conductance[1:] / wall.capacity - wall.advection
-    return lower, -(conductance[:-1] + conductance[1:]) / wall.capacity - wall.loss, upper
+def coefficients(wall: Cells, diffusivity: Array, capacity_factor: Array | float = 1.0) -> tuple[Array, Array, Array]:
+    """`lower, diagonal, upper` of the wall's rate, over all inner nodes; the ends belong to the faces.
+
+    Arguments:
+        diffusivity: m2/s, of the wall or of each cell.
+        capacity_factor: capacity of each node over the wall's own.
+    """
+    conductance, capacity = diffusivity / wall.resistance, wall.capacity * capacity_factor
+    lower = conductance[:-1] / capacity + wall.advection
+    upper = conductance[1:] / capacity - wall.advection
+    return lower, -(conductance[:-1] + conductance[1:]) / capacity - wall.loss, upper
+
+
+def rate(wall: Cells, matrix: tuple[Array, Array, Array], T: Array, q: Array) -> Array:
+    """`dT/dt` at the inner nodes with these coefficients, K/s."""
+    lower, diagonal, upper = matrix
+    everywhere = jnp.concatenate([q[:1], T, q[1:2]])
+    return lower * everywhere[:-2] + diagonal * T + upper * everywhere[2:] + wall.other @ q[2:]
 
 
 def at_rows(course: Float[Array, "interval power input"], step: Array) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..effects import Campaign, Step, Terms, Wetting, latent_capacity
-from .cells import Cells
+from .cells import Cells, coefficients, rate
 
 _DAY = 86400.0
 _LEAST_FACTOR = 0.05  # of a coefficient that depends on temperature or time, lest the equation lose its sense
@@ -59,34 +59,29 @@ class NonlinearWall(eqx.Module):
             factor = factor * (1.0 + event.jump * onset * decay)
         return jnp.maximum(factor, _LEAST_FACTOR)
 
-    def coefficients(self, t: Array, T: Array, q: Array) -> tuple[Array, Array, Array]:
-        """`lower, diagonal, upper` of the rate with the coefficients of this moment."""
+    def factors(self, T: Array, q: Array) -> tuple[Array, Array]:
+        """By which each cell's conductivity and each node's capacity differ at these temperatures."""
         everywhere = jnp.concatenate([q[:1], T, q[1:2]])
         middle = 0.5 * (everywhere[1:] + everywhere[:-1]) - self.reference
-        conductivity = jnp.maximum(1.0 + self.conductivity_slope * middle, _LEAST_FACTOR)
-        more = 1.0 + self.capacity_slope * (T - self.reference) + latent_capacity(self.latent, T)
-        capacity = self.wall.capacity * jnp.maximum(more, _LEAST_FACTOR)
-        conductance = self.diffusivity * self.factor(t) * conductivity / self.wall.resistance
-        lower = conductance[:-1] / capacity + self.wall.advection
-        upper = conductance[1:] / capacity - self.wall.advection
-        return lower, -(conductance[:-1] + conductance[1:]) / capacity - self.wall.loss, upper
+        conductivity = 1.0 + self.conductivity_slope * middle
+        capacity = 1.0 + self.capacity_slope * (T - self.reference) + latent_capacity(self.latent, T)
+        return jnp.maximum(conductivity, _LEAST_FACTOR), jnp.maximum(capacity, _LEAST_FACTOR)
 
-    def rate(self, matrix: tuple[Array, Array, Array], T: Array, q: Array) -> Array:
-        """`dT/dt` with these coefficients."""
-        lower, diagonal, upper = matrix
-        everywhere = jnp.concatenate([q[:1], T, q[1:2]])
-        return lower * everywhere[:-2] + diagonal * T + upper * everywhere[2:] + self.wall.other @ q[2:]
+    def coefficients(self, t: Array, T: Array, q: Array) -> tuple[Array, Array, Array]:
+        """`lower, diagonal, upper` of the rate with the coefficients of this moment."""
+        conductivity, capacity = self.factors(T, q)
+        return coefficients(self.wall, self.diffusivity * self.factor(t) * conductivity, capacity)
 
     def __call__(self, t: Any, T: Array, args: Any) -> Array:
         """`dT/dt`."""
         q, _ = self.inputs(jnp.asarray(t))
-        return self.rate(self.coefficients(jnp.asarray(t), T, q), T, q)
+        return rate(self.wall, self.coefficients(jnp.asarray(t), T, q), T, q)
 
     def reading(self, t: Any, T: Array, args: Any) -> tuple[Array, Array]:
         """Temperature and its rate at the sensors."""
         q, q_rate = self.inputs(jnp.asarray(t))
-        rate = self.rate(self.coefficients(jnp.asarray(t), T, q), T, q)
-        return self.wall.state @ T + self.wall.face @ q[:2], self.wall.state @ rate + self.wall.face @ q_rate[:2]
+        warming = rate(self.wall, self.coefficients(jnp.asarray(t), T, q), T, q)
+        return self.wall.state @ T + self.wall.face @ q[:2], self.wall.state @ warming + self.wall.face @ q_rate[:2]
 
 
 def flow(wall: Cells, terms: Terms, campaign: Campaign, diffusivity: Array) -> NonlinearWall:
@@ -146,9 +141,9 @@ class LinearlyImplicit(diffrax.AbstractSolver):
 
         inward = jnp.zeros_like(y0).at[0].add(lower[0] * q0_rate[0]).at[-1].add(upper[-1] * q0_rate[1])
         drive = gamma * h * (inward + field.wall.other @ q0_rate[2:])
-        k1 = solve(field.rate(matrix, y0, q0) + drive)
+        k1 = solve(rate(field.wall, matrix, y0, q0) + drive)
         ahead = y0 + h * k1
-        k2 = solve(field.rate(field.coefficients(end, ahead, q1), ahead, q1) - 2.0 * k1 - drive)
+        k2 = solve(rate(field.wall, field.coefficients(end, ahead, q1), ahead, q1) - 2.0 * k1 - drive)
         y1 = y0 + 0.5 * h * (3.0 * k1 + k2)
         return y1, None, {"y0": y0, "y1": y1}, None, diffrax.RESULTS.successful
 
