@@ -11,7 +11,7 @@ from .compare import compare, cost_outside, windows
 from .explanation import CHANCE as FIRST
 from .explanation import Explanation, Named, Trial
 from .extend import Fit, refit
-from .locate import locate
+from .locate import locate, omnibus_directions
 from .noise import Noise, NoiseModel, estimate_noise
 from .rank import Outlook, Screen, look, screen
 from .study import Slot, Study, compile_together, study
@@ -94,10 +94,10 @@ class _Search:
         return self.settle(refit(study, (), study.neutral, stated))
 
     def settle(self, fit: Fit) -> Fit:
-        """The same model under the noise that it shows beside every direction of the library."""
+        """The same model under the noise that it shows beside the library's and the omnibus tests' directions."""
         study = self.study
         free, gap = fit.in_kelvin()
-        directions = np.concatenate([self.look(fit).columns, free.T])
+        directions = np.concatenate([self.look(fit).columns, free.T, *omnibus_directions(fit)])
         noise = estimate_noise(NoiseModel(study, fit.theta), gap, directions)
         return refit(study, fit.active, fit.theta, noise)
 

@@ -6,12 +6,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.polynomial.hermite_e import hermegauss
+from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
 from .extend import Fit
 
 _SLOW = 10  # cosines over the record, per sensor
 _MODULATIONS = 6  # of the diffusivity's sensitivity, per sensor
+_FASTEST = 1.0  # cycles a day: modulations of the diffusivity for all sensors at once
 _DAILY = (1, 2)  # harmonics of the day, per sensor
 _RANK = 1e-3
 _NODES = 40  # of the Gauss-Hermite rule over the noise's power
@@ -25,10 +27,10 @@ class Remainder:
     Arguments:
         by_sensor: root mean square, K, per sensor. by_hour: mean per sensor and hour of the day, K.
         by_day: root mean square per sensor and day, K.
-        statistic, freedom: of the omnibus test: the squared length of the whitened residual in slow, daily and
-            diffusivity-like directions, chi-square where nothing is missing and the noise's power is known.
-        p_value: of it, as far as the record leaves that power open.
-        smooth: the part of the residual in these directions, whitened.
+        statistic, freedom: of the omnibus test that tells most: the squared length of the whitened residual in
+            some directions, chi-square where nothing is missing and the noise's power is known.
+        p_value: of the tests together, as far as the record leaves that power open.
+        smooth: the part of the residual in all their directions, orthogonal to what is free, K, `(bin, sensor)`.
     """
 
     by_sensor: dict[str, float]
@@ -43,9 +45,11 @@ class Remainder:
 def locate(fit: Fit) -> Remainder:
     """Where the remainder of a fit sits, and whether it is more than noise.
 
-    The omnibus test looks along some 60 directions that no effect need have named: slow cosines, the day and
-    its half, and the diffusivity's own sensitivity modulated in time; what the fit's free parameters explain is
-    taken out of them first.
+    The omnibus tests look along directions that no effect need have named; what the fit's free parameters explain
+    is taken out of them first. Some 60: slow cosines, the day and its half, and the diffusivity's own sensitivity
+    modulated in time, each for every sensor by itself. And two a day: that sensitivity modulated by up to a
+    cycle a day, for all sensors at once, as far as the others have not seen it. The smaller p-value of the two
+    independent tests counts, as the smaller of two.
     """
     record, rest = fit.study.record, fit.remainder
     names = [sensor.name for sensor in fit.study.case.sensors]
@@ -56,12 +60,18 @@ def locate(fit: Fit) -> Remainder:
         by_hour = np.stack([_mean(rest[hours == hour]) for hour in range(24)])
         by_day = np.sqrt(np.stack([_mean(rest[days == day] ** 2) for day in range(days[-1] + 1)]))
         by_sensor = dict(zip(names, np.sqrt(_mean(rest**2)).tolist(), strict=True))
-    basis = _directions(fit)
-    along = basis.T @ fit.residual
-    statistic = float(along @ along)
-    freedom = basis.shape[1]
-    p_value = chance(statistic, freedom, fit.noise.spread)
-    return Remainder(by_sensor, by_hour, by_day, statistic, freedom, p_value, basis @ along)
+    tests, bases = [], []
+    for shapes in omnibus_directions(fit):
+        basis = _beside(fit, shapes, bases)
+        along = basis.T @ fit.residual
+        statistic, freedom = float(along @ along), basis.shape[1]
+        tests.append((chance(statistic, freedom, fit.noise.spread), statistic, freedom))
+        bases.append(basis)
+    least, statistic, freedom = min(tests)
+    together = -np.expm1(len(tests) * np.log1p(-min(least, 1.0 - 1e-16)))
+    white = sum(basis @ (basis.T @ fit.residual) for basis in bases)[: len(fit.noise.whiten)]
+    smooth = solve_triangular(fit.noise.whiten, white, lower=True).reshape(fit.study.sensors, -1).T
+    return Remainder(by_sensor, by_hour, by_day, statistic, freedom, float(together), smooth)
 
 
 def chance(statistic: float, freedom: int, spread: float) -> float:
@@ -76,30 +86,33 @@ def _mean(values: np.ndarray) -> np.ndarray:
     return np.where(there, values, 0.0).sum(axis=0) / there.sum(axis=0)
 
 
-def _directions(fit: Fit) -> np.ndarray:
-    """An orthonormal basis of the omnibus directions beside the free parameters, `(reading + free, direction)`."""
-    study, whiten = fit.study, fit.noise.whiten
-    sensors = study.sensors
-    bins = len(whiten) // sensors
+def omnibus_directions(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """Shapes of the binned readings in which the omnibus tests look, K, `(direction, reading)` each."""
+    study, sensors = fit.study, fit.study.sensors
+    sensitivity = fit.in_kelvin()[0][:, 0].reshape(sensors, -1)  # to ln(diffusivity)
+    bins = sensitivity.shape[1]
     middle = (np.arange(bins) + 0.5) / bins
-    phase = 2 * np.pi * middle * bins * study.bins.rows * study.record.step / _DAY
+    days = middle * bins * study.bins.rows * study.record.step / _DAY
     slow = [np.cos(np.pi * k * middle) for k in range(_SLOW)]
-    daily = [wave(k * phase) for k in _DAILY for wave in (np.cos, np.sin)]
-    shapes = [np.kron(np.eye(sensors)[s], course) for course in (*slow, *daily) for s in range(sensors)]
-    directions = np.array(shapes) @ whiten.T
-    # the whitened sensitivity to ln(diffusivity), by sensor, modulated
-    size = len(whiten)
-    sensitivity = fit.jacobian[:size, 0].reshape(sensors, bins)
-    modulated = [
+    daily = [wave(2 * np.pi * k * days) for k in _DAILY for wave in (np.cos, np.sin)]
+    own = [np.kron(np.eye(sensors)[s], course) for course in (*slow, *daily) for s in range(sensors)]
+    own += [
         np.kron(np.eye(sensors)[s], sensitivity[s] * np.cos(np.pi * k * middle))
         for s in range(sensors)
         for k in range(_MODULATIONS)
     ]
-    rows = np.concatenate([directions, modulated])
+    half_cycles = max(2, int(2 * _FASTEST * days[-1]))
+    together = [(sensitivity * np.cos(np.pi * k * middle)).ravel() for k in range(1, half_cycles + 1)]
+    return np.array(own), np.array(together)
+
+
+def _beside(fit: Fit, shapes: np.ndarray, taken: list[np.ndarray]) -> np.ndarray:
+    """An orthonormal basis of whitened shapes beside the free parameters and other bases, `(residual, direction)`."""
+    rows = shapes @ fit.noise.whiten.T
     rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
-    padded = np.pad(rows, ((0, 0), (0, fit.jacobian.shape[0] - size)))
+    padded = np.pad(rows, ((0, 0), (0, fit.jacobian.shape[0] - rows.shape[1])))
     scale = np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300)
-    Q, _ = np.linalg.qr(fit.jacobian / scale)
+    Q, _ = np.linalg.qr(np.concatenate([fit.jacobian / scale, *taken], axis=1))
     left = padded - (padded @ Q) @ Q.T
     u, value, _ = np.linalg.svd(left.T, full_matrices=False)
     return u[:, value > _RANK * value[0]]
