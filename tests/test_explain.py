@@ -117,6 +117,23 @@ def test_a_rival_is_told_and_spans_the_interval(explained):
     assert doubted.result()["effects"][0]["alternatives"] == [{"name": "clock_shift", "target": None}]
 
 
+def test_no_name_stands_beside_what_it_does_not_explain(explained):
+    """A rest, a third effect that is wanted, a size that changes: the name is withdrawn, and the reason told."""
+    found, _ = explained(("solar_gain", "left", {"gain": 0.004}))
+    assert found.verdict == "named" and found.incomplete == "" and found.wanting == 1.0
+    (named,) = found.effects
+    rest = replace(found, left_after=replace(found.left_after, p_value=1e-3))
+    third = replace(found, wanting=1e-3)
+    changing = replace(found, effects=(replace(named, windows=replace(named.windows, p_value=1e-4)),))
+    for doubted, words in ((rest, "omnibus test"), (third, "a third would"), (changing, "another size at another")):
+        assert doubted.verdict == "unnamed"
+        assert words in doubted.sentence and "olar gain of the left face" in doubted.sentence
+        assert doubted.result()["effects"] == []
+        low, high = doubted.interval_95
+        assert low <= min(found.interval_95[0], found.before.diffusivity)
+        assert high >= max(found.interval_95[1], found.before.diffusivity)
+
+
 def test_what_was_not_logged_is_said_to_be_untestable():
     assert "solar_gain" in untestable(2, ())
     assert untestable(2, ("irradiance", "air_outdoor", "air_indoor", "heating")) == {}

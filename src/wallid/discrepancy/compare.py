@@ -70,7 +70,12 @@ def _gap_outside(fit: Fit, held: np.ndarray) -> float:
 
 
 def _trained(fit: Fit, held: np.ndarray) -> Fit:
-    return refit(fit.study, fit.active, fit.theta, fit.noise, used=~_bins_with(fit.study, held))
+    """The same model found without the rows held out."""
+    key = held.tobytes()
+    if key not in fit.trained:
+        used = ~_bins_with(fit.study, held)
+        fit.trained[key] = refit(fit.study, fit.active, fit.theta, fit.noise, used=used)
+    return fit.trained[key]
 
 
 def cost_outside(fit: Fit) -> float:

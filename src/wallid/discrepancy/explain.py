@@ -9,22 +9,19 @@ import numpy as np
 from ..case import Case
 from .compare import compare, cost_outside, windows
 from .explanation import CHANCE as FIRST
-from .explanation import Explanation, Named, Trial
-from .extend import Fit, refit
+from .explanation import FURTHER, Explanation, Named, Trial
+from .extend import Fit, price, refit
 from .locate import locate, omnibus_directions
 from .noise import Noise, NoiseModel, estimate_noise
 from .rank import Outlook, Screen, look, screen
 from .study import Slot, Study, compile_together, study
 
-FURTHER = 0.01
-"""How often chance may make a further one, or a pair where no single effect stands out."""
 RIVAL = 9.0
-"""Models within this of the best in `-2 log L` cannot be told from it."""
+"""Models within this of the best in `-2 log L`, places paid for, cannot be told from it."""
 _CLEAN = 0.02  # p-value of the omnibus test above which a single effect is not asked for a partner at once
-_MOST_EFFECTS = 3
-_SINGLES, _PAIRS, _RIVALS = 5, 3, 4
+_MOST_EFFECTS = 2  # where a third is wanted, what is missing is likelier none of the library
+_SINGLES, _PAIRS, _RIVALS = 5, 3, 8
 _NEAR = 0.35  # how far a rival's expected gain may fall short, relative, to be worth a refit
-_PER_PLACE = 3.0  # of -2 log L: what finding a place or an hour between the scan's gains by chance
 _CLOSE = 0.2  # the same for an effect in the place of one that has been fitted
 _TOLD = 2.0  # standard deviations from none that a size must be, with its places and hours free
 _ROUNDS = 4
@@ -55,7 +52,7 @@ def explain(case: Case, *, progress: Progress = lambda stage, share: None) -> Ex
     chosen = search.first(plain, first, lambda share: progress("diagnose: extend and fit again", 0.55 + 0.15 * share))
     best = search.further(chosen, lambda share: progress("diagnose: what is left to add", 0.7 + 0.15 * share))
     progress("diagnose: rivals", 0.85)
-    effects = search.named(best)
+    effects, wanting = search.named(best), search.wanting(best)
     progress("diagnose: compare on days held out", 0.9)
     if best.active:  # both under the noise that the better model shows
         plain = search.plain_beside(best)
@@ -72,6 +69,7 @@ def explain(case: Case, *, progress: Progress = lambda stage, share: None) -> Ex
         gap=gap,
         left_before=left,
         left_after=after,
+        wanting=wanting,
         rivals=tuple(search.rivals),
     )
 
@@ -151,8 +149,8 @@ class _Search:
 
     def first(self, plain: Fit, ranked: Screen, tell: Callable[[float], None]) -> Fit:
         """The plain model, or the best of a few single effects and pairs."""
-        singles, pairs = ranked.best(_SINGLES), ranked.best_pairs(_PAIRS)
-        top = ranked.gain[singles[0]] if singles else 0.0
+        singles, pairs = ranked.likeliest(_SINGLES), ranked.best_pairs(_PAIRS)
+        top = ranked.gain.max(initial=0.0)
         single_stands = bool(singles) and ranked.p_value(top) <= FIRST
         pair_stands = bool(pairs) and ranked.pair_gain[pairs[0]] > max(
             ranked.pair_threshold(FURTHER), top + ranked.threshold(FURTHER)
@@ -182,12 +180,11 @@ class _Search:
 
         def penalised(fit: Fit) -> float:
             added = [slot for slot in fit.active if slot not in base.active]
-            places = sum(not p.is_size for slot in added for p in slot.effect.parameters)
-            return fit.cost + threshold.get(len(added), 0.0) + _PER_PLACE * places
+            return _weighed(fit) + threshold.get(len(added), 0.0)
 
         ordered = sorted((fit for fit in made if self._acceptable(fit)), key=penalised)
         for fit in ordered:
-            if penalised(fit) >= base.cost:
+            if penalised(fit) >= _weighed(base):
                 break
             fewer = [base, *(other for other in ordered if len(other.active) < len(fit.active))]
             if cost_outside(fit) < min(cost_outside(other) for other in fewer[:2]):
@@ -223,7 +220,7 @@ class _Search:
 
     def _grow(self, fit: Fit) -> Fit:
         ranked = self.screen(fit)
-        tops = ranked.best(2)
+        tops = ranked.likeliest(2)
         threshold = ranked.threshold(FURTHER)
         made = [self.add(ranked, (k,)) for k in tops if ranked.gain[k] > threshold]
         return self._best(fit, made, {1: threshold})
@@ -234,7 +231,7 @@ class _Search:
             return fit
         for slot in fit.active:
             less = self.without(fit, slot)
-            if less.cost - fit.cost < self.screen(less).threshold(FURTHER) and self._acceptable(less):
+            if _weighed(less) - _weighed(fit) < self.screen(less).threshold(FURTHER) and self._acceptable(less):
                 return less
         return fit
 
@@ -248,15 +245,22 @@ class _Search:
             gain = base.cost - fit.cost
             likely = [
                 k
-                for k in ranked.best(_RIVALS + 1)
+                for k in ranked.likeliest(_RIVALS + 1)
                 if not _same(ranked.candidates[k].slot, slot) and ranked.gain[k] >= (1 - _CLOSE) * gain - RIVAL
             ]
             for k in likely[:_RIVALS]:
                 made = self.add(ranked, (k,))
                 self.rivals.append(made)
-                if made.cost < best.cost and self._acceptable(made):
+                if _weighed(made) < _weighed(best) and self._acceptable(made):
                     best = made
         return best
+
+    def wanting(self, fit: Fit) -> float:
+        """The p-value of what one effect more would explain, where there are as many as are looked for; else 1."""
+        if len(fit.active) < _MOST_EFFECTS:
+            return 1.0
+        ranked = self.screen(fit)
+        return ranked.p_value(float(ranked.gain.max(initial=0.0)))
 
     def named(self, fit: Fit) -> tuple[Named, ...]:
         """Each effect with its sizes, what it explains, and who else could."""
@@ -271,7 +275,7 @@ class _Search:
             rivals = [
                 other
                 for other in self.rivals
-                if other.cost - fit.cost < RIVAL and set(rest) < set(other.active) and not refusal(other)
+                if _weighed(other) - _weighed(fit) < RIVAL and set(rest) < set(other.active) and not refusal(other)
             ]
             found.append(
                 Named(
@@ -288,6 +292,11 @@ class _Search:
                 )
             )
         return tuple(sorted(found, key=lambda named: -named.gain))
+
+
+def _weighed(fit: Fit) -> float:
+    """Its `-2 log L` with what its effects chose paid for."""
+    return fit.cost + price(fit, fit.active)
 
 
 def refusal(fit: Fit) -> str:

@@ -16,8 +16,10 @@ from .rank import Screen
 from .study import Slot, Study
 from .words import sentence, summary
 
-LEFT_OVER = 1e-4
+LEFT_OVER = 5e-3
 """How often chance may make the omnibus test say that something is left."""
+FURTHER = 0.01
+"""How often chance may make a further effect, or a pair where no single effect stands out."""
 CHANCE = 0.03
 """Over the whole library: above it, a gain is no more than chance makes."""
 _ALIKE = 0.95  # cosine from which two effects look alike
@@ -111,6 +113,7 @@ class Explanation:
         trials: every fit that was tried.
         rivals: fits that come close to `after`.
         left_before, left_after: where the two models and the readings part.
+        wanting: p-value of what one effect more than are looked for would explain; 1 where there are fewer.
     """
 
     study: Study = field(repr=False)
@@ -122,12 +125,13 @@ class Explanation:
     gap: Gap
     left_before: Remainder = field(repr=False)
     left_after: Remainder = field(repr=False)
+    wanting: float
     rivals: tuple[Fit, ...] = field(repr=False)
 
     @property
     def verdict(self) -> str:
         """`adequate`, `named`, `confusable`, `unnamed` or `uninformative`; see `__str__` for the sentence."""
-        if self.left_after.p_value < LEFT_OVER:
+        if self.incomplete:
             return "unnamed"
         low, high = self.interval_95
         if high / low > self.study.case.choices.largest_interval_factor:
@@ -136,6 +140,24 @@ class Explanation:
             return "adequate"
         return "confusable" if any(named.alternatives for named in self.effects) else "named"
 
+    @property
+    def incomplete(self) -> str:
+        """Why what was found is not all that is missing, and no name stands; empty where nothing says so."""
+        if self.left_after.p_value < LEFT_OVER:
+            return f"{self._added}the omnibus test still finds something (p = {self.left_after.p_value:.1g})"
+        if self.wanting < FURTHER:
+            return f"{self._added}a third would still explain more than chance does (p = {self.wanting:.1g})"
+        for named in self.effects:
+            if named.windows.p_value < LEFT_OVER:
+                label, p = self.study.label(named.slot.effect), named.windows.p_value
+                return f"the best name, {label}, would have another size at another time (p = {p:.1g})"
+        return ""
+
+    @property
+    def _added(self) -> str:
+        labels = " and ".join(self.study.label(named.slot.effect) for named in self.effects)
+        return f"beside {labels} " if labels else ""
+
     @cached_property
     def interval_95(self) -> tuple[float, float]:
         """Of the diffusivity, m2/s: spanning every rival; widened where something unnamed is left."""
@@ -143,7 +165,7 @@ class Explanation:
         near = [fit for fit in self.rivals if any(slot in fit.active for slot in self._alternatives)]
         ends = [low, high, *(end for fit in near for end in fit.interval_95)]
         low, high = min(ends), max(ends)
-        if self.left_after.p_value < LEFT_OVER:
+        if self.incomplete:
             wider = np.sqrt(max(1.0, self.left_after.statistic / self.left_after.freedom))
             centre = self.after.diffusivity
             low, high = centre * (low / centre) ** wider, centre * (high / centre) ** wider

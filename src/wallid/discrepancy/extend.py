@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -31,6 +32,7 @@ class Fit:
         jacobian: whitened, of the free parameters, priors' rows below, `(reading + free, free)`.
         residual: whitened, measured minus predicted, the priors' pull below.
         predicted: the inner readings at the rows, degC.
+        trained: the same model found without some of the rows, made once.
     """
 
     study: Study
@@ -42,6 +44,7 @@ class Fit:
     jacobian: np.ndarray = field(repr=False)
     residual: np.ndarray = field(repr=False)
     predicted: np.ndarray = field(repr=False)
+    trained: dict[bytes, Fit] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def free(self) -> list[int]:
@@ -104,6 +107,17 @@ class Fit:
     def gap(self) -> float:
         """Root mean square of the remainder, K."""
         return float(np.sqrt(np.nanmean(self.remainder**2)))
+
+
+def price(fit: Fit, slots: Iterable[Slot]) -> float:
+    """What the places, hours and temperatures that some effects chose must bring of `-2 log L` to be worth it.
+
+    `ln(readings)` each, by the Bayesian criterion: an effect that may choose explains a little of anything.
+
+    Source: G. Schwarz, Ann. Stat. 6 (1978), 461.
+    """
+    chosen = sum(not parameter.is_size for slot in slots for parameter in slot.effect.parameters)
+    return chosen * float(np.log(len(fit.noise.whiten)))
 
 
 def refit(

@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .extend import Fit
+from .extend import Fit, price
 from .model import first_order_columns
 from .study import Slot, Study
 
@@ -90,6 +90,13 @@ class Screen:
         """The best candidate of each of the best effects, one per effect, best first."""
         tops = [places[np.argmax(self.gain[places])] for places in self.groups.values()]
         return sorted((int(top) for top in tops), key=lambda top: -self.gain[top])[:count]
+
+    def likeliest(self, count: int) -> list[int]:
+        """The same by their gains less the price of the places and hours that they chose."""
+        weighed = {
+            top: self.gain[top] - price(self.base, (self.candidates[top].slot,)) for top in self.best(len(self.groups))
+        }
+        return sorted(weighed, key=lambda top: -weighed[top])[:count]
 
     @cached_property
     def _largest(self) -> np.ndarray:

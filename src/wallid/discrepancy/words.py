@@ -59,8 +59,8 @@ def sentence(found: Explanation) -> str:
         worst = max(found.left_after.by_sensor, key=lambda name: found.left_after.by_sensor[name])
         return (
             f"Something is missing that is none of the known effects: {gap.after:.3g} K are left where noise alone "
-            f"would leave {gap.floor:.3g} K, most at {worst}; the diffusivity lies between {low:.4g} and "
-            f"{high:.4g} m2/s at best."
+            f"would leave {gap.floor:.3g} K, most at {worst}; {found.incomplete}. The diffusivity lies between "
+            f"{low:.4g} and {high:.4g} m2/s at best."
         )
     named = " and ".join(_worded(effect, found.study) for effect in found.effects)
     verb = "is" if len(found.effects) == 1 else "are"
