@@ -2,6 +2,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 
 import jsonschema
@@ -9,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from benchmarks.discrepancy.truth import Spec, write_case
+from pages import check
 from typer.testing import CliRunner
 
 import wallid
@@ -17,7 +19,7 @@ from wallid.cli import app
 from wallid.workflow import Run
 
 DIAGNOSIS = {"missing.png", "residuals.png", "fit.png", "confusable.png", "windows.png", "periodogram.png"}
-FIGURES = {"record.png", "design.png", "estimate.png", "reliability.png", "uncertainty.png", "loads.png"}
+FIGURES = {"wall.png", "record.png", "design.png", "estimate.png", "reliability.png", "uncertainty.png", "loads.png"}
 QUANTITY = {
     "type": ["object", "null"],
     "required": ["value", "std", "interval_95", "unit"],
@@ -79,7 +81,8 @@ sys.addaudithook(lambda event, args: opened.append(str(args[0])) if event == "op
 from wallid.cli import app
 from wallid.workflow import Run
 try:
-    app(["demo", "--json", "--out", sys.argv[1]])
+    sys.argv = ["wallid", "demo", "--json", "--out", sys.argv[1]]
+    app()
 except SystemExit as end:
     print(*opened, sep="\\n", file=sys.stderr)
     sys.exit(end.code)
@@ -108,11 +111,14 @@ def test_demo_names_the_sun_and_ends_within_15_thousandths(demo):
 
 def test_demo_writes_figures_model_and_result(demo):
     done, out = demo
-    assert {file.name for file in out.iterdir()} == FIGURES | DIAGNOSIS | {"model.npz", "result.json"}
+    assert {file.name for file in out.iterdir()} == FIGURES | DIAGNOSIS | {"model.npz", "report.html", "result.json"}
     assert json.loads((out / "result.json").read_text()) == json.loads(done.stdout)
     assert wallid.StateSpace.load(out / "model.npz").order == 10
     for name in FIGURES | DIAGNOSIS:
         assert (out / name).stat().st_size > 10_000
+    page = check((out / "report.html").read_text("utf-8"))
+    assert len(page.images) == len(FIGURES | DIAGNOSIS)
+    assert "Solar gain of the right face" in page.text and "wallid demo" in page.text
 
 
 def test_demo_reads_nothing_but_its_case(demo):
@@ -389,8 +395,11 @@ def test_diagnose_names_what_is_hidden(hidden, tmp_path):
     assert [row["expected_gain"] for row in ranked] == sorted((row["expected_gain"] for row in ranked), reverse=True)
     assert "smallest" not in result and result["left_over"]["p_after"] > 1e-3
     out = tmp_path / "out"
-    assert {file.name for file in out.iterdir()} == DIAGNOSIS | {"record.png", "result.json"}
+    assert {file.name for file in out.iterdir()} == DIAGNOSIS | {"wall.png", "record.png", "report.html", "result.json"}
     assert json.loads((out / "result.json").read_text()) == result
+    page = check((out / "report.html").read_text("utf-8"))
+    assert found.sentence in unescape(page.text)
+    assert page.text.count('<th scope="row">') > len(ranked) and 'class="in"' in page.text
 
 
 def test_diagnose_prints_what_it_found(command, tmp_path, explained, hidden):
@@ -403,7 +412,7 @@ def test_diagnose_prints_what_it_found(command, tmp_path, explained, hidden):
     quiet = command("diagnose", explained, "--quiet")
     assert quiet.exit_code == 0 and quiet.output == ""
     names = {file.name for file in (tmp_path / "out").iterdir()}
-    assert names == DIAGNOSIS | {"record.png", "result.json", "notes.txt"}
+    assert names == DIAGNOSIS | {"wall.png", "record.png", "report.html", "result.json", "notes.txt"}
 
 
 def test_an_adequate_model_is_told_with_what_would_have_shown(command, tmp_path, monkeypatch, hidden):

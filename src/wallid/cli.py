@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from contextlib import contextmanager
 from dataclasses import replace
@@ -28,7 +29,7 @@ app = typer.Typer(
 CaseArgument = Annotated[
     str, typer.Argument(metavar="CASE", help="A case.toml, a folder that holds one, or a packaged case's name.")
 ]
-Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Where result.json and the figures go.")]
+Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Where report.html, result.json and the figures go.")]
 Json = Annotated[bool, typer.Option("--json", help="Print result.json to standard output, and nothing else there.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress and no summary.")]
 Model = Annotated[
@@ -173,7 +174,7 @@ def _go(
                 **choices,  # pyright: ignore[reportArgumentType] (typer has checked the words)
             )
             progress("figures", 0.9)
-            written = report.write(done, out)
+            written = report.write(done, out, shlex.join(["wallid", *sys.argv[1:]]))
     except InputError as error:
         print(f"wallid: {error}", file=sys.stderr)
         raise typer.Exit(2) from None

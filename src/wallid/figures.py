@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .workflow import Run
 
 STEMS = (
+    "wall",
     "record",
     "design",
     "orders",
@@ -40,6 +41,9 @@ _MOST_SENSORS = 6  # of the worst week's figure
 def figures(run: Run) -> Iterator[tuple[str, Figure]]:
     """Every figure that a run has the numbers for, with its file's stem."""
     with plot.style():
+        made, ax = plot.figure(height=1.6)
+        plot.wall(ax, run.case)
+        yield "wall", made
         yield "record", _record_figure(run)
         if run.design is not None:
             yield "design", _design_figure(run)

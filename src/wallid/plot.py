@@ -30,6 +30,7 @@ from .plot_discrepancy import (
     week_residuals,
     week_temperatures,
 )
+from .plot_wall import wall
 from .reliability import Loads, Reliability
 
 
@@ -279,6 +280,7 @@ __all__ = [
     "style",
     "theta",
     "uncertainty",
+    "wall",
     "waterfall",
     "week_residuals",
     "week_temperatures",

@@ -1,4 +1,4 @@
-"""What a run leaves behind: `result.json` and its figures, written all or not at all."""
+"""What a run leaves behind: `result.json`, `report.html` and figures, written all or not at all."""
 
 from __future__ import annotations
 
@@ -161,18 +161,25 @@ def _finite(value: Any) -> Any:
 
 def dumps(run: Run) -> str:
     """result.json as text."""
-    return json.dumps(result(run), indent=2, allow_nan=False)
+    return _text(result(run))
 
 
-def write(run: Run, out: str | Path) -> list[Path]:
-    """Write result.json, the figures and the reduced model into a folder: all of them, or none.
+def _text(found: dict[str, Any]) -> str:
+    return json.dumps(found, indent=2, allow_nan=False)
+
+
+def write(run: Run, out: str | Path, command: str = "") -> list[Path]:
+    """Write result.json, report.html, the figures and the reduced model into a folder: all of them, or none.
+
+    Arguments:
+        command: that makes them again, for the report.
 
     Raises:
         InputError: the folder cannot be made or written.
     """
     out = Path(out)
     with _folder(out) as made:
-        names = _fill(run, made)
+        names = _fill(run, made, command)
         for name in names:
             os.replace(made / name, out / name)
     for stale in _written() - set(names):
@@ -184,7 +191,7 @@ def _written() -> set[str]:
     """What a run may write: what an earlier one left of these and this one did not write is not its result."""
     from .figures import STEMS
 
-    return {"result.json", "model.npz", *(f"{stem}.png" for stem in STEMS)}
+    return {"result.json", "report.html", "model.npz", *(f"{stem}.png" for stem in STEMS)}
 
 
 def check_out(out: str | Path) -> None:
@@ -212,16 +219,21 @@ def _folder(out: Path) -> Iterator[Path]:
         raise InputError(f"--out {out}: cannot write there ({error.strerror or error})") from error
 
 
-def _fill(run: Run, folder: Path) -> list[str]:
+def _fill(run: Run, folder: Path, command: str) -> list[str]:
     from .figures import figures
+    from .page import page
 
-    names = []
+    names, drawn = [], []
     for stem, made in figures(run):
         names.append(f"{stem}.png")
         made.savefig(folder / names[-1])
+        drawn.append((stem, made))
+    found = result(run)
+    names.append("report.html")
+    (folder / names[-1]).write_text(page(run, found, drawn, command), encoding="utf-8")
     if run.learned is not None:
         names.append("model.npz")
         run.learned.system.save(folder / names[-1])
     names.append("result.json")
-    (folder / names[-1]).write_text(dumps(run) + "\n", encoding="utf-8")
+    (folder / names[-1]).write_text(_text(found) + "\n", encoding="utf-8")
     return names

@@ -1,0 +1,145 @@
+"""What each figure shows: a caption that says how to read it, and its text alternative with this run's numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .workflow import Run
+
+Alternative = Callable[["Run"], str]
+
+
+def _wall(run: Run) -> str:
+    wall = run.case.wall
+    layers = f"{len(wall.layers)} layers" if wall.layers else "one material"
+    sensors = ", ".join(f"{sensor.name} at {1e3 * sensor.position:.4g} mm" for sensor in run.case.sensors) or "none"
+    return f"Section of the wall, {wall.length:g} m of {layers}, outside on the {wall.outside}; sensors: {sensors}."
+
+
+def _record(run: Run) -> str:
+    record = run.case.record
+    low, high = record.faces.min(axis=0), record.faces.max(axis=0)
+    return (
+        f"Temperatures over {record.duration / 86400:.3g} days: left face {low[0]:.1f} to {high[0]:.1f} degC, right "
+        f"face {low[1]:.1f} to {high[1]:.1f} degC, {len(record.names)} inner sensors; the window used is shaded."
+    )
+
+
+def _design(run: Run) -> str:
+    if run.design is None:
+        return ""
+    best = run.design.best
+    return (
+        f"Sensitivity of each sensor to the diffusivity, and the criterion over start days; best are {best.rows} "
+        f"rows from {run.case.record.stamp(best.row)}."
+    )
+
+
+def _estimate(run: Run) -> str:
+    if run.fit is None:
+        return ""
+    gap = float(np.sqrt(np.nanmean(run.fit.residual**2)))
+    return (
+        f"The estimate goes to {run.fit.value:.4g} m2/s in {run.fit.iterations} steps; simulated and measured "
+        f"temperatures differ by {gap:.2g} K root mean square."
+    )
+
+
+def _reliability(run: Run) -> str:
+    if run.reliability is None:
+        return ""
+    sizes = [run.reliability.sizes(s) for s in range(len(run.reliability.names))]
+    told = ", ".join(
+        f"{name} {after:.2g} K ({before:.2g} K with the prior)"
+        for name, (before, after, _) in zip(run.reliability.names, sizes, strict=True)
+    )
+    return f"The record's last week against the prediction, and the residuals' densities: {told}."
+
+
+def _missing(run: Run) -> str:
+    found = run.explanation
+    if found is None:
+        return ""
+    first = found.table[0] if found.table else None
+    most = f"; {first.label} explains most by itself" if first else ""
+    return (
+        f"The gap goes from {found.gap.before:.2g} K to {found.gap.after:.2g} K, the noise floor is "
+        f"{found.gap.floor:.2g} K{most}."
+    )
+
+
+def _residuals(run: Run) -> str:
+    found = run.explanation
+    if found is None:
+        return ""
+    sizes = ", ".join(
+        f"{name} {before:.2g} to {after:.2g} K"
+        for (name, before), after in zip(
+            found.left_before.by_sensor.items(), found.left_after.by_sensor.values(), strict=True
+        )
+    )
+    return f"Measured minus simulated by sensor over time and by hour of the day, before and after: {sizes}."
+
+
+def _said(text: str) -> Alternative:
+    return lambda run: text
+
+
+CAPTIONS: dict[str, tuple[str, Alternative]] = {
+    "wall": ("The wall in section, to scale across, with the places of its sensors.", _wall),
+    "record": ("What was logged. Shaded: the window that the estimate uses.", _record),
+    "design": (
+        "Which days tell most: how far each reading would move with the diffusivity, and what a window from each "
+        "start day would tell, over the best.",
+        _design,
+    ),
+    "orders": (
+        "Error of the reduced model against its order.",
+        _said("Largest errors of reduced models fall with their order; the numbers are in result.json."),
+    ),
+    "estimate": (
+        "Convergence of the estimate, and the temperatures measured against those simulated with it.",
+        _estimate,
+    ),
+    "reliability": (
+        "The whole record, of which the estimate saw only a window, against the prediction; beside it the residuals' "
+        "density and that of the measurement's own uncertainty.",
+        _reliability,
+    ),
+    "uncertainty": (
+        "How uncertain single readings are: sensor noise, and what an error of position makes of the gradient; beside "
+        "it the profile at the window's start.",
+        _said("Combined measurement uncertainty of each sensor over the record, and the initial profile."),
+    ),
+    "loads": (
+        "Heat flux through the inner face and the energy that passes, with the estimate and with the prior.",
+        _said("Heat flux and energy through the inner face for several diffusivities; the numbers are below."),
+    ),
+    "missing": (
+        "How the gap between model and readings shrinks with each effect towards the noise floor, and what each "
+        "effect of the library would explain beside the plain model.",
+        _missing,
+    ),
+    "residuals": ("What the models leave, by sensor and time, and by sensor and hour of the day.", _residuals),
+    "fit": (
+        "The week in which the plain model fails most.",
+        _said("Measured and simulated temperatures in the plain model's worst week, and their differences."),
+    ),
+    "confusable": (
+        "Which effects leave the same trace in this record: dark cells are pairs that it cannot tell apart.",
+        _said("Matrix of the likeness, 0 to 1, of the traces that the effects of the library leave in this record."),
+    ),
+    "windows": (
+        "The size of what was found, quarter by quarter of the record: a true effect is the same in each.",
+        _said("Size of each effect found, with its uncertainty, in four quarters of the record."),
+    ),
+    "periodogram": (
+        "Share of the residual's power below each frequency, beside what the noise model expects.",
+        _said("Cumulative periodogram of the residual of each sensor with the band that noise alone would keep."),
+    ),
+}
+"""By the stem of each figure's file."""

@@ -1,0 +1,98 @@
+"""The report: one page, nothing fetched, every figure with its alternative, every number there."""
+
+import shutil
+import subprocess
+from dataclasses import replace
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from pages import check
+
+import wallid
+from wallid import plot, report
+from wallid.captions import CAPTIONS
+from wallid.figures import STEMS
+from wallid.page import number, page, tables
+from wallid.workflow import Run
+
+
+@pytest.fixture(scope="module")
+def run():
+    """A run that has read its case and gone no further: nothing is compiled for it."""
+    return Run(wallid.load("saint_julien"), seconds={"design": 1.25})
+
+
+@pytest.fixture(scope="module")
+def written(run, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("out")
+    report.write(run, folder, "wallid design saint_julien")
+    return folder / "report.html"
+
+
+def test_a_page_is_whole_and_fetches_nothing(written):
+    found = check(written.read_text("utf-8"))
+    assert [image["alt"].split()[0] for image in found.images] == ["Section", "Temperatures"]
+    assert "wallid design saint_julien" in found.text and "Synthetic twin" in found.text
+
+
+def test_what_a_case_says_is_text_and_not_markup(run):
+    """A name from a file goes through the template's escaping."""
+    case = replace(run.case, name="<script>alert(1)</script>", description="a & b")
+    text = page(Run(case), report.result(Run(case)), [])
+    assert "<script>" not in text and "&lt;script&gt;" in text and "a &amp; b" in text
+
+
+def test_every_number_is_in_a_table():
+    result = {
+        "case": "wall",
+        "diffusivity": {"value": 1.06e-6, "std": 1.2e-8, "interval_95": [1.04e-6, 1.08e-6], "unit": "m2/s"},
+        "effects": [{"name": "solar_gain", "target": "right", "parameters": {}, "gain": 790.0, "alternatives": []}],
+        "gap": {"before_K": 0.3125, "held_out_after_K": None},
+    }
+    found = dict(tables(result))
+    assert found["overview"] == [("case", "wall")]
+    assert found["diffusivity"] == [("", "1.06 × 10⁻⁶ ± 1.2 × 10⁻⁸ (95 %: 1.04 × 10⁻⁶ to 1.08 × 10⁻⁶) m²/s")]
+    assert ("solar_gain gain", "790") in found["effects"]
+    assert found["gap"] == [("before (K)", "0.3125"), ("held out after (K)", "–")]
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (None, "–"),
+        (True, "yes"),
+        (3, "3"),
+        (-0.5, "−0.5"),
+        (-2.5e-7, "−2.5 × 10⁻⁷"),
+        ([], "none"),
+        ([1.0, 2.0], "1, 2"),
+    ],
+)
+def test_a_number_as_a_person_reads_it(value, said):
+    assert number(value) == said
+
+
+def test_every_figure_has_its_caption():
+    assert set(CAPTIONS) == set(STEMS)
+
+
+def test_the_wall_is_drawn_to_scale(run):
+    """Faces at both ends and each sensor at its place, crowded ones a line apart."""
+    sensors = tuple(replace(s, position=x) for s, x in zip(run.case.sensors, (0.05, 0.06, 0.4), strict=True))
+    _, ax = plot.figure(height=1.6)
+    plot.wall(ax, replace(run.case, sensors=sensors))
+    places = np.array([line.get_xydata()[0] for line in ax.lines if line.get_marker() == "o"])
+    np.testing.assert_allclose(places[:, 0], [5.0, 6.0, 40.0])
+    assert places[0, 1] != places[1, 1] and places[0, 1] == places[2, 1]
+    assert [text.get_text() for text in ax.texts][-5:-3] == ["left face (inside)", "right face (outside)"]
+    assert mpl.rcParams["savefig.dpi"] == "figure", "no setting of the reader's is changed"
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium to open the page in")
+def test_a_browser_opens_it_without_an_error(written):
+    """Headless, without a network to fall back on."""
+    command = ["chromium", "--headless=new", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--dump-dom"]
+    done = subprocess.run([*command, written.as_uri()], capture_output=True, text=True, timeout=300, check=True)
+    assert "CONSOLE" not in done.stderr
+    assert done.stdout.count("<figure") == 2
