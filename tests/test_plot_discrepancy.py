@@ -9,6 +9,7 @@ from benchmarks.discrepancy.truth import Spec, write_case
 import wallid
 from wallid import figures, plot
 from wallid import plot_discrepancy as drawn
+from wallid import plot_remainder as remainder
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +31,12 @@ def adequate(explanation):
     gap = explanation.gap
     gap = replace(gap, after=gap.before, held_out_after=gap.held_out_before)
     return replace(
-        explanation, after=explanation.before, effects=(), left_after=explanation.left_before, rivals=(), gap=gap
+        explanation,
+        after=explanation.before,
+        effects=(),
+        left_after=replace(explanation.left_before, p_value=0.5),
+        rivals=(),
+        gap=gap,
     )
 
 
@@ -135,21 +141,21 @@ def test_the_periodogram_of_white_noise_keeps_to_its_band(ax, explanation):
     plot.cumulative_periodogram(ax, explanation.before, "")
     (band,) = ax.collections
     corners = band.get_paths()[0].vertices
-    frequency, _ = drawn.periodogram(rng.normal(size=216), 3600.0)
+    frequency, _ = remainder.periodogram(rng.normal(size=216), 3600.0)
     lower, upper = ([f(corners[corners[:, 0] == x, 1]) for x in frequency[:-1]] for f in (np.min, np.max))
     inside = 0
     for _ in range(400):
-        _, share = drawn.periodogram(rng.normal(size=216), 3600.0)
+        _, share = remainder.periodogram(rng.normal(size=216), 3600.0)
         inside += bool(np.all((share[:-1] >= lower) & (share[:-1] <= upper)))
     assert inside / 400 == pytest.approx(0.95, abs=3 * np.sqrt(0.95 * 0.05 / 400))
-    frequency, share = drawn.periodogram(np.sin(2 * np.pi * np.arange(216) / 24), 3600.0)
+    frequency, share = remainder.periodogram(np.sin(2 * np.pi * np.arange(216) / 24), 3600.0)
     assert share[frequency < 0.99].max() < 1e-12 and share[np.argmin(np.abs(frequency - 1))] > 1 - 1e-12
 
 
 def test_the_noise_expected_is_that_of_the_covariance(explanation):
     """Rows were not binned here: the fit's own covariance, taken to frequencies, gives the same shares."""
     fit = explanation.before
-    rows, assumed = fit.study.record.rows, drawn.expected_shares(fit)
+    rows, assumed = fit.study.record.rows, remainder.expected_shares(fit)
     assert fit.study.bins.rows == 1
     wave = np.exp(-2j * np.pi * np.outer(np.arange(1, (rows + 1) // 2), np.arange(rows)) / rows)
     for s in range(fit.study.sensors):
@@ -161,18 +167,24 @@ def test_the_noise_expected_is_that_of_the_covariance(explanation):
 def test_a_missing_reading_moves_no_frequency():
     values = np.random.default_rng(5).normal(20.0, 1.0, 240)
     values[30:60] = np.nan
-    frequency, share = drawn.periodogram(values, 3600.0)
+    frequency, share = remainder.periodogram(values, 3600.0)
     assert np.isfinite(share).all() and share[-1] == pytest.approx(1.0) and frequency[0] == pytest.approx(0.1)
-    assert np.isfinite(drawn.periodogram(np.full(240, np.nan), 3600.0)[1]).all()
+    assert np.isfinite(remainder.periodogram(np.full(240, np.nan), 3600.0)[1]).all()
 
 
-@pytest.mark.parametrize(("found", "panels"), [("explanation", 2), ("adequate", 1)])
+@pytest.fixture(scope="module")
+def unnamed(explanation):
+    """The same, as if something were left."""
+    return replace(explanation, left_after=replace(explanation.left_after, p_value=1e-6))
+
+
+@pytest.mark.parametrize(("found", "panels"), [("explanation", 2), ("adequate", 1), ("unnamed", 2)])
 def test_every_figure_is_drawn_with_units_on_its_axes(request, tmp_path, found, panels):
     explanation = request.getfixturevalue(found)
     made = dict(figures.diagnosis(explanation))
     assert set(made) == {"missing", "residuals", "fit", "confusable", "periodogram"} | (
         {"windows"} if explanation.effects else set()
-    )
+    ) | ({"remainder"} if found == "unnamed" else set())
     assert len(made["periodogram"].axes) == panels
     for stem, figure in made.items():
         figure.savefig(tmp_path / f"{stem}.png")
@@ -180,6 +192,18 @@ def test_every_figure_is_drawn_with_units_on_its_axes(request, tmp_path, found, 
             for label, ticks in ((ax.get_xlabel(), ax.get_xticklabels()), (ax.get_ylabel(), ax.get_yticklabels())):
                 named = any(tick.get_text() and not tick.get_text()[0].isdigit() for tick in ticks)
                 assert "(" in label or "day" in label or named or not ticks, (stem, ax)
+
+
+def test_the_smooth_remainder_is_drawn_with_the_days_means(ax, unnamed):
+    fit, left = unnamed.after, unnamed.left_after
+    plot.smooth_remainder(ax, fit, left)
+    lines = [line for line in ax.lines if line.get_label() in ("T1", "T2")]
+    for s, line in enumerate(lines):
+        np.testing.assert_allclose(line.get_ydata(), left.smooth[:, s])
+    dots = [line for line in ax.lines if line.get_marker() == "."]
+    assert len(dots) == 2 * 9
+    first = fit.remainder[: 86400 // int(fit.study.record.step), 0]
+    assert dots[0].get_ydata()[0] == pytest.approx(np.nanmean(first))
 
 
 def test_where_nothing_was_added_there_is_one_model(adequate):

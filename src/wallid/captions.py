@@ -125,6 +125,11 @@ CAPTIONS: dict[str, tuple[str, Alternative]] = {
         _missing,
     ),
     "residuals": ("What the models leave, by sensor and time, and by sensor and hour of the day.", _residuals),
+    "remainder": (
+        "What none of the known effects explains: the smooth part of the residual, orthogonal to all that the model "
+        "could still adapt.",
+        _said("Smooth part of what is left, by sensor over the record's days, with the mean residual of each day."),
+    ),
     "fit": (
         "The week in which the plain model fails most.",
         _said("Measured and simulated temperatures in the plain model's worst week, and their differences."),

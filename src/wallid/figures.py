@@ -29,6 +29,7 @@ STEMS = (
     "loads",
     "missing",
     "residuals",
+    "remainder",
     "fit",
     "confusable",
     "windows",
@@ -118,6 +119,10 @@ def diagnosis(explanation: Explanation) -> Iterator[tuple[str, Figure]]:
     with plot.style():
         yield "missing", _missing_figure(explanation)
         yield "residuals", _residuals_figure(explanation)
+        if explanation.incomplete:
+            made, ax = plot.figure(height=3.0)
+            plot.smooth_remainder(ax, explanation.after, explanation.left_after)
+            yield "remainder", made
         yield "fit", _week_figure(explanation)
         if len(explanation.screen.candidates):
             yield "confusable", _confusable_figure(explanation)

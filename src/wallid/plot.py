@@ -19,16 +19,19 @@ from .estimate import Estimate
 from .experiment import Window, fit_profile
 from .mim import Learned
 from .plot_discrepancy import (
-    colour_limit,
     confusability,
-    cumulative_periodogram,
-    hourly_residual,
     ranked_gains,
-    residual_map,
     size_by_window,
     waterfall,
     week_residuals,
     week_temperatures,
+)
+from .plot_remainder import (
+    colour_limit,
+    cumulative_periodogram,
+    hourly_residual,
+    residual_map,
+    smooth_remainder,
 )
 from .plot_wall import wall
 from .reliability import Loads, Reliability
@@ -277,6 +280,7 @@ __all__ = [
     "residual",
     "residual_map",
     "size_by_window",
+    "smooth_remainder",
     "style",
     "theta",
     "uncertainty",

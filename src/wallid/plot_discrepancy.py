@@ -7,61 +7,19 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
-from matplotlib.ticker import MaxNLocator
 
-from ._style import BLUE, DAYS, GREEN, GREY, ORANGE, RED, SKY, colour
+from ._style import BLUE, DAYS, GREEN, GREY, ORANGE, RED, SKY
 from .discrepancy import Explanation, Named
 from .discrepancy.extend import Fit
-from .discrepancy.model import impulses
 from .discrepancy.study import Slot
 from .estimate import NORMAL_95
+from .plot_remainder import days_of, names_of, short
 
 _DAY = 86400.0
 _WEEK = 7 * _DAY
 _CLIPPED = 98.0  # percentile of the residuals that the map's colours reach: single outliers would bleach it
 _KOLMOGOROV_95 = 1.358
 _SHOWN = 12
-
-
-def residual_map(ax: Axes, fit: Fit, limit: float, title: str) -> QuadMesh:
-    """The remainder by sensor and time, blue where the model is too warm.
-
-    Arguments:
-        limit: of the colours, K; see `colour_limit`.
-    """
-    days = _days(fit)
-    step = fit.study.record.step / _DAY
-    names = _names(fit)
-    edges = np.append(days, days[-1] + step) - 0.5 * step
-    mesh = ax.pcolormesh(
-        edges, np.arange(len(names) + 1), fit.remainder.T, cmap="RdBu_r", vmin=-limit, vmax=limit, rasterized=True
-    )
-    ax.set_facecolor("0.8")  # missing readings: neither warm nor cold
-    ax.set(xlabel=DAYS, title=f"{title}: rms {_short(fit.gap)} K")
-    ax.set_yticks(np.arange(len(names)) + 0.5, names)
-    ax.invert_yaxis()
-    ax.grid(False)
-    return mesh
-
-
-def colour_limit(explanation: Explanation) -> float:
-    """The colours' common end for the maps before and after, K."""
-    return float(np.nanpercentile(np.abs(explanation.before.remainder), _CLIPPED))
-
-
-def hourly_residual(ax: Axes, fit: Fit, by_hour: np.ndarray, title: str) -> None:
-    """The mean remainder by sensor and hour of the day.
-
-    Arguments:
-        by_hour: K, `(hour, sensor)`; NaN where no row falls.
-    """
-    hours = np.arange(24)
-    for s, name in enumerate(_names(fit)):
-        seen = np.isfinite(by_hour[:, s])
-        ax.plot(hours[seen] + 0.5, by_hour[seen, s], ".-", color=colour(s), label=name)
-    ax.axhline(0.0, color=GREY, lw=0.8)
-    ax.set(xlabel="hour of the day", ylabel="mean residual (K)", xlim=(0, 24), title=title)
-    ax.set_xticks(range(0, 25, 6))
 
 
 def worst_week(fit: Fit) -> slice:
@@ -80,20 +38,20 @@ def worst_week(fit: Fit) -> slice:
 
 def week_temperatures(ax: Axes, explanation: Explanation, sensor: int) -> None:
     """Measured against simulated over the plain model's worst week, before and after."""
-    week, days = worst_week(explanation.before), _days(explanation.before)
+    week, days = worst_week(explanation.before), days_of(explanation.before)
     before, after = explanation.before, explanation.after
     ax.plot(days[week], before.study.record.sensors[week, sensor], ".", ms=3.5, color=GREY, label="measured")
     ax.plot(days[week], before.predicted[week, sensor], "--", color=ORANGE, label="plain model")
     if after.active:
         ax.plot(days[week], after.predicted[week, sensor], color=BLUE, label=_with(explanation))
-    ax.set(xlabel=DAYS, ylabel="temperature (°C)", title=f"{_names(before)[sensor]}: the plain model's worst week")
+    ax.set(xlabel=DAYS, ylabel="temperature (°C)", title=f"{names_of(before)[sensor]}: the plain model's worst week")
     if not after.active:
-        ax.set_title(f"{_names(before)[sensor]}: the worst week")
+        ax.set_title(f"{names_of(before)[sensor]}: the worst week")
 
 
 def week_residuals(ax: Axes, explanation: Explanation, sensor: int) -> None:
     """Measured minus simulated over that week, before and after."""
-    week, days = worst_week(explanation.before), _days(explanation.before)
+    week, days = worst_week(explanation.before), days_of(explanation.before)
     shown = [(explanation.before, ORANGE, ".--")]
     if explanation.after.active:
         shown.append((explanation.after, BLUE, ".-"))
@@ -143,14 +101,14 @@ def waterfall(ax: Axes, explanation: Explanation) -> None:
         held.append((len(bars) - 1, gap.held_out_after))
     for place, (_, low, high, tint) in enumerate(bars):
         ax.bar(place, high - low, bottom=low, width=0.6, color=tint)
-        words = f"{_short(high)}" if low == 0.0 else f"{high - low:+.3g}".replace("-", "\N{MINUS SIGN}")
+        words = f"{short(high)}" if low == 0.0 else f"{high - low:+.3g}".replace("-", "\N{MINUS SIGN}")
         ax.annotate(
             words, (place, max(low, high)), (0, 2), textcoords="offset points", ha="center", va="bottom", fontsize=8
         )
     for place, (_, value) in enumerate(steps):  # a bar's end carried on to the next one
         if place + 1 < len(bars):
             ax.plot([place + 0.3, place + 0.7], [value, value], color=GREY, lw=0.8)
-    ax.axhline(gap.floor, color=RED, ls="--", lw=1.0, label=f"noise alone: {_short(gap.floor)} K")
+    ax.axhline(gap.floor, color=RED, ls="--", lw=1.0, label=f"noise alone: {short(gap.floor)} K")
     seen = [(place + 0.2, value) for place, value in held if value is not None]
     if seen:
         # beside the number that stands above the bar's middle
@@ -243,86 +201,10 @@ def size_by_window(ax: Axes, explanation: Explanation, named: Named) -> None:
     ax.set_title(f"{explanation.study.label(named.slot.effect)}, 95 %; all the same: p = {windows.p_value:.2g}")
 
 
-def periodogram(values: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """The share of a series' variance below each frequency; missing values count as the mean.
-
-    Arguments:
-        step: s.
-
-    Returns:
-        Frequencies, 1/day, and shares.
-    """
-    there = np.isfinite(values)
-    centred = np.where(there, values - np.mean(values[there]), 0.0) if there.any() else np.zeros(len(values))
-    # without the constant, and without the last that an even length has at half weight
-    power = np.abs(np.fft.rfft(centred)[1 : (len(values) + 1) // 2]) ** 2
-    frequency = np.arange(1, len(power) + 1) / (len(values) * step) * _DAY
-    total = power.sum()
-    return frequency, np.cumsum(power) / total if total > 0 else np.linspace(0.0, 1.0, len(power))
-
-
-def expected_shares(fit: Fit) -> np.ndarray:
-    """The share of the noise's variance below each of `periodogram`'s frequencies, as a fit models it, by sensor.
-
-    (white + lasting AR(rho)) times (the sensor's variance + the faces' through the wall), as in `noise`.
-    """
-    study, noise = fit.study, fit.noise
-    rows = study.record.rows
-    own = np.array([sensor.noise_std for sensor in study.case.sensors])
-    through = np.fft.rfft(impulses(study.model, fit.theta), axis=1)[:, 1 : (rows + 1) // 2]
-    omega = 2 * np.pi * np.arange(1, through.shape[1] + 1) / rows
-    rho = noise.correlation
-    memory = (1 - rho**2) / (1 - 2 * rho * np.cos(omega) + rho**2)
-    faces = study.record.boundary_noise_std**2 * (np.abs(through) ** 2).sum(axis=0)
-    power = (noise.white + noise.lasting * memory)[:, None] * (own**2 + faces)
-    return np.cumsum(power, axis=0) / power.sum(axis=0)
-
-
-def cumulative_periodogram(ax: Axes, fit: Fit, title: str) -> None:
-    """The remainder's cumulative periodogram by sensor, with the band that white noise keeps to 95 times in 100.
-
-    Noise that remembers, or that came in through the faces, leaves the band as well: dashed lines show what the
-    fit's own noise model expects.
-
-    Source: M. S. Bartlett, An Introduction to Stochastic Processes (1955), 9.23.
-    """
-    step = fit.study.record.step
-    frequency, expected = np.array([]), expected_shares(fit)
-    for s, name in enumerate(_names(fit)):
-        frequency, share = periodogram(fit.remainder[:, s], step)
-        ax.plot(frequency, share, color=colour(s), label=name)
-        ax.plot(frequency, expected[:, s], "--", lw=0.9, color=colour(s))
-    ax.plot([], [], "--", lw=0.9, color=GREY, label="noise as modelled")
-    white = np.linspace(0.0, 1.0, len(frequency) + 1)
-    freedom = max(len(frequency) - 1, 1)
-    # Stephens' correction for few frequencies
-    width = _KOLMOGOROV_95 / (np.sqrt(freedom) + 0.12 + 0.11 / np.sqrt(freedom))
-    at = np.concatenate([[0.0], frequency])
-    ax.fill_between(
-        at, np.clip(white - width, 0, 1), np.clip(white + width, 0, 1), color="0.85", lw=0, label="white noise, 95 %"
-    )
-    ax.set(
-        xlabel="frequency (1/day)", ylabel="share of the variance (-)", xlim=(0, at[-1]), ylim=(0, 1.02), title=title
-    )
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-
-
 def _with(explanation: Explanation) -> str:
     """The name of the later model."""
     count = len(explanation.effects)
     return "with the effect" if count == 1 else "with the effects"
-
-
-def _names(fit: Fit) -> list[str]:
-    return [sensor.name for sensor in fit.study.case.sensors]
-
-
-def _days(fit: Fit) -> np.ndarray:
-    return np.asarray(fit.study.record.time) / _DAY
-
-
-def _short(value: float) -> str:
-    return f"{value:.3g}"
 
 
 def _folded(label: str, width: int = 16) -> str:
@@ -336,15 +218,9 @@ def _folded(label: str, width: int = 16) -> str:
 
 
 __all__ = [
-    "colour_limit",
     "confusability",
     "confusable_places",
-    "cumulative_periodogram",
-    "expected_shares",
-    "hourly_residual",
-    "periodogram",
     "ranked_gains",
-    "residual_map",
     "size_by_window",
     "waterfall",
     "waterfall_steps",

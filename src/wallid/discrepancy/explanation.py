@@ -166,7 +166,9 @@ class Explanation:
         ends = [low, high, *(end for fit in near for end in fit.interval_95)]
         low, high = min(ends), max(ends)
         if self.incomplete:
-            wider = np.sqrt(max(1.0, self.left_after.statistic / self.left_after.freedom))
+            # as if what is left were noise of that size
+            left = self.left_after
+            wider = max(1.0, self.gap.after / self.gap.floor, np.sqrt(left.statistic / left.freedom))
             centre = self.after.diffusivity
             low, high = centre * (low / centre) ** wider, centre * (high / centre) ** wider
             plain = self.before.diffusivity
