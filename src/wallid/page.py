@@ -17,6 +17,8 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from ._style import GREY, style
@@ -169,10 +171,11 @@ def _words(key: str) -> str:
 
 
 def _untestable(run: Run) -> dict[str, str]:
+    """What each effect that could not be tried would need."""
     if run.explanation is None:
         return {}
     study = run.explanation.study
-    return untestable(study.sensors, study.record.regressors)
+    return {name: ", ".join(needs) for name, needs in untestable(study.sensors, study.record.regressors).items()}
 
 
 def _picture(run: Run, stem: str, made: Figure) -> Picture:
@@ -183,10 +186,10 @@ def _picture(run: Run, stem: str, made: Figure) -> Picture:
 def _svg(made: Figure, stem: str) -> str:
     """A figure as the data URI of an SVG without a background, in the colour of the reader's text."""
     for ax in made.axes:
-        for artist in (*ax.collections, *ax.lines):
-            points = artist.get_path().vertices if hasattr(artist, "get_path") else ()
-            many = artist in ax.collections and artist.__class__.__name__ == "QuadMesh"
-            artist.set_rasterized(many or len(points) > _MOST_POINTS)
+        for mesh in ax.collections:
+            mesh.set_rasterized(isinstance(mesh, QuadMesh))
+        for line in ax.lines:
+            line.set_rasterized(len(line.get_xydata()) > _MOST_POINTS)
     stream = io.StringIO()
     with style(), mpl.rc_context({"svg.hashsalt": stem, "svg.fonttype": "path"}):
         _in_ink(made)
@@ -207,7 +210,7 @@ def _in_ink(made: Figure) -> None:
             if get is None or put is None:
                 continue
             try:
-                black = mpl.colors.to_hex(get()) == "#000000"
+                black = to_hex(get()) == "#000000"
             except (TypeError, ValueError):  # several colours, or none
                 continue
             if black:

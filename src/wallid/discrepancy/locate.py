@@ -69,7 +69,7 @@ def locate(fit: Fit) -> Remainder:
         bases.append(basis)
     least, statistic, freedom = min(tests)
     together = -np.expm1(len(tests) * np.log1p(-min(least, 1.0 - 1e-16)))
-    white = sum(basis @ (basis.T @ fit.residual) for basis in bases)[: len(fit.noise.whiten)]
+    white = np.sum([basis @ (basis.T @ fit.residual) for basis in bases], axis=0)[: len(fit.noise.whiten)]
     smooth = solve_triangular(fit.noise.whiten, white, lower=True).reshape(fit.study.sensors, -1).T
     return Remainder(by_sensor, by_hour, by_day, statistic, freedom, float(together), smooth)
 
