@@ -17,6 +17,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
@@ -189,7 +190,7 @@ def _svg(made: Figure, stem: str) -> str:
         for mesh in ax.collections:
             mesh.set_rasterized(isinstance(mesh, QuadMesh))
         for line in ax.lines:
-            line.set_rasterized(len(line.get_xydata()) > _MOST_POINTS)
+            line.set_rasterized(np.size(line.get_xdata()) > _MOST_POINTS)
     stream = io.StringIO()
     with style(), mpl.rc_context({"svg.hashsalt": stem, "svg.fonttype": "path"}):
         _in_ink(made)
