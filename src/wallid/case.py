@@ -14,7 +14,7 @@ import numpy as np
 from ._choices import Choices, check_choices
 from ._columns import read_columns
 from ._fields import build, keys, nearest, number, series, settle, tables, text, within
-from .record import REGRESSORS, Record, read_record
+from .record import REGRESSORS, Format, Record, read_record
 from .wall import InputError, Layer, Sensor, Wall
 
 __all__ = ["Case", "Choices", "LearningSignal", "load", "packaged"]
@@ -22,6 +22,7 @@ __all__ = ["Case", "Choices", "LearningSignal", "load", "packaged"]
 _EXAMPLES = Path(__file__).parent / "examples"
 _LEARNING_FACTORS = (0.25, 1.0, 4.0, 16.0)  # of the prior, which may be wrong by several times
 _BOUNDARY_NOISE_STD = 0.1  # K, where no inner sensor tells how well was measured
+_FORMAT = tuple(f.name for f in fields(Format))
 
 
 @no_type_check
@@ -134,9 +135,11 @@ def load(path_or_name: str | os.PathLike[str]) -> Case:
             source = keys(
                 document["record"],
                 ("file", "time", "left", "right"),
-                ("boundary_noise_std", "flux_noise_std", "flux_gain_std", *REGRESSORS),
+                ("boundary_noise_std", "flux_noise_std", "flux_gain_std", *REGRESSORS, *_FORMAT),
             )
-            columns = {key: text(key, value) for key, value in source.items() if not key.endswith("_std")}
+            form = Format(**{key: value for key, value in source.items() if key in _FORMAT})
+            plain = {key: value for key, value in source.items() if not key.endswith("_std") and key not in _FORMAT}
+            columns = {key: text(key, value) for key, value in plain.items()}
         plan = _plan_learning(document["learning"]) if "learning" in document else None
     # what is wrong in a CSV file is told with that file's name
     record = read_record(
@@ -146,6 +149,8 @@ def load(path_or_name: str | os.PathLike[str]) -> Case:
         right=columns.pop("right"),
         sensors=[sensor.name for sensor in sensors],
         regressors=columns,
+        form=form,
+        units={sensor.name: sensor.unit for sensor in sensors if sensor.unit is not None},
     )
     learning = _read_learning(plan, path.parent) if plan else ()
     with within(str(path)):
@@ -285,7 +290,7 @@ def _read_learning(plan: _LearningPlan, folder: Path) -> tuple[LearningSignal, .
         LearningSignal(
             diffusivity,
             table.time,
-            np.stack([table.face(left), table.face(right)], axis=1),
+            np.stack([table.values[left], table.values[right]], axis=1),
             plan.coefficients,
         )
         for diffusivity, left, right in plan.signals

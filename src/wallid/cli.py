@@ -1,4 +1,4 @@
-"""The command line: `wallid demo | run | design | estimate | diagnose`."""
+"""The command line: `wallid demo | new | check | run | design | estimate | diagnose`."""
 
 from __future__ import annotations
 
@@ -111,6 +111,16 @@ def run(
     `wallid diagnose`.
     """
     _go(case, model, workflow.STAGES, out, json, quiet, orders=orders, weights=weights, integrator=integrator)
+
+
+@app.command()
+def check(case: CaseArgument, out: Out = OUT, json: Json = False, quiet: Quiet = False) -> None:
+    """What the record holds, what was done to it while it was read, and what would stop a run.
+
+    Gaps, missing and masked values, spikes, breaks, the grid that the readings were put on: counted, and
+    drawn in record.png. Takes a second or two. Status 1: something would stop a run.
+    """
+    _go(case, None, ("check",), out, json, quiet)
 
 
 @app.command()

@@ -129,7 +129,8 @@ def design(
         every_rows: distance of the candidates' starts; None for one a day, or three where the record is
             hardly longer than the window.
         restart: theta from 0 and a profile fitted at each window's start, as the estimate sees it;
-            False cuts one theta of the whole record, as the paper does.
+            False cuts one theta of the whole record, as the paper does (across a break of the record it
+            goes along a straight line).
         sweep: how the windows are gone through; the same numbers.
         integrator: how the windows' rows are stepped through.
         model: a large model at hand, to spare building it.
@@ -189,11 +190,11 @@ def start_profiles(case: Case, starts: np.ndarray) -> StartProfiles:
 
 
 def candidate_starts(record: Record, rows: int, every: int | None) -> np.ndarray:
-    """First rows of windows of `rows` rows inside a record, `every` rows (None: about a day) apart."""
-    spare = record.rows - rows
+    """First rows of windows of `rows` rows inside a record, `every` rows (None: about a day) apart, none on a break."""
+    spare = record.longest_part[1] - rows
     if every is None:
         every = min(max(1, round(86400.0 / record.step)), max(1, spare // 2))
-    return np.arange(0, spare + 1, every)
+    return np.concatenate([np.arange(first, first + part - rows + 1, every) for first, part in record.unbroken])
 
 
 def _offset_columns(
@@ -341,7 +342,7 @@ def lengths(
     )[0]
     best, seconds = [], []
     for k, length in enumerate(days):
-        whole = np.where(starts + rows[k] <= case.record.rows, information[:, k], -np.inf)
+        whole = np.where(case.record.holds(starts, rows[k]), information[:, k], -np.inf)
         best.append(whole.max())
         seconds.append(cost(Window(int(starts[np.argmax(whole)]), rows[k])))
         on_length(length)

@@ -29,10 +29,12 @@ from .experiment import (
     Window,
     as_window,
     check_driven,
+    check_unbroken,
     experiment,
     fit_profile,
     large_model,
     scales,
+    whole,
 )
 from .gauss_newton import GaussNewton, Trace
 from .learning import learn
@@ -138,7 +140,7 @@ def estimate(
     """The diffusivity of a case from one window of its record.
 
     Arguments:
-        window: None for the whole record.
+        window: None for the whole record, or its longest unbroken part.
         model: None for the case's choice: the large model, or a reduced one learned for the window.
         start: m2/s; None for the case's prior.
         weights: each sensor by its `noise_std`, or the paper's plain sum of squares, whose covariance
@@ -156,7 +158,8 @@ def estimate(
     start = case.wall.diffusivity_prior if start is None else start
     if not LOWEST < start < HIGHEST:
         raise InputError(f"start = {start} m2/s; it must lie between {LOWEST} and {HIGHEST}")
-    window = Window(0, case.record.rows) if window is None else as_window(window)
+    window = whole(case) if window is None else as_window(window)
+    check_unbroken(case, window)
     if model is None:
         model = large_model(case) if case.choices.model == "lom" else learn(case, window, integrator=integrator)
     system = model.system if isinstance(model, Learned) else model

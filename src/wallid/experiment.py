@@ -115,17 +115,52 @@ def profile_degree(case: Case) -> int:
     return max(case.choices.initial_profile, *(len(coefficients) - 1 for coefficients in given))
 
 
+def whole(case: Case) -> Window:
+    """The whole record, or the longest of its parts where it is broken."""
+    return Window(*case.record.longest_part)
+
+
+def diagnosed(case: Case) -> Window:
+    """The rows that a diagnosis uses: `diagnose_days` from the beginning of the whole record (see `whole`)."""
+    part, days = whole(case), case.choices.diagnose_days
+    return part if days is None else Window(part.row, min(case.record.rows_per(days), part.rows))
+
+
+def check_unbroken(case: Case, window: Window) -> None:
+    """Refuse a window across a break of the record.
+
+    Raises:
+        InputError: one of its rows is broken.
+    """
+    record = case.record
+    inside = window.row >= 0 and window.row + window.rows <= record.rows  # or else Record.window will say so
+    if inside and not record.holds(window.row, window.rows):
+        first = next(b for b in record.cleaning.breaks if b.row + b.rows > window.row)
+        raise InputError(
+            f"{record.file}: a window of {window.rows} rows from {record.stamp(window.row)} lies across a break of the "
+            f"record ({first}); take another window, or state a longer [record] longest_gap (hours)"
+        )
+
+
 def window_rows(case: Case, days: float) -> int:
     """How many rows a window of so many days has; all of a record that holds one row more.
 
     Raises:
-        InputError: more than the record holds, or too few to tell anything.
+        InputError: more than the record holds without a break, or too few to tell anything.
     """
-    rows = case.record.rows_per(days)
-    if not FEWEST_ROWS <= rows <= case.record.rows:
+    rows, most = case.record.rows_per(days), whole(case).rows
+    if not FEWEST_ROWS <= rows <= most:
+        own = (
+            "the record's own"
+            if most == case.record.rows
+            else (
+                f"those of its longest unbroken part ({most * case.record.step / 86400:.4g} days; a longer [record] "
+                "longest_gap breaks it less)"
+            )
+        )
         raise InputError(
             f"window_days = {days:g} makes {rows} rows of {case.record.step:g} s; it must make {FEWEST_ROWS} to "
-            f"{case.record.rows}, the record's own"
+            f"{most}, {own}"
         )
     return case.record.rows if case.record.rows - rows == 1 else rows
 
@@ -163,16 +198,19 @@ def dimensionless_profile(coefficients: np.ndarray, scale: Scales) -> np.ndarray
 
 
 def experiment(case: Case, window: Window | None = None, *, weighted: bool = True) -> Experiment:
-    """A window of a case (None: its whole record) for estimation.
+    """A window of a case (None: its whole record, straight lines across its breaks) for estimation.
 
     Arguments:
         weighted: each reading by its sensor's noise; False gives the paper's plain sum of squares (all
             readings by one noise, the sensors' root mean square).
 
     Raises:
-        InputError: no inner sensor has a reading in the window.
+        InputError: no inner sensor has a reading in the window, or the record breaks in it.
     """
-    window = Window(0, case.record.rows) if window is None else window
+    if window is None:
+        window = Window(0, case.record.rows)
+    else:
+        check_unbroken(case, window)
     part = case.record.window(window.row, window.rows)
     scale = scales(case)
     noise = np.array([sensor.noise_std for sensor in case.sensors])
@@ -222,7 +260,7 @@ def check_driven(model: StateSpace, case: Case, window: Window | None = None) ->
     Raises:
         InputError: such a face moves in this window, or does not meet the initial profile.
     """
-    window = Window(0, case.record.rows) if window is None else window
+    window = whole(case) if window is None else window
     faces = np.asarray(case.record.window(window.row, window.rows).faces)
     coefficients = fit_profile(case, window.row).coefficients
     ends = np.array([coefficients[0], coefficients.sum()])

@@ -13,7 +13,7 @@ from .discrepancy import Explanation
 from .discrepancy.extend import Fit
 from .discrepancy.locate import Remainder
 from .estimate import theta_kelvin
-from .experiment import Window, large_model
+from .experiment import diagnosed, large_model, whole
 
 if TYPE_CHECKING:
     from .workflow import Run
@@ -67,10 +67,15 @@ def figures(run: Run) -> Iterator[tuple[str, Figure]]:
 
 
 def _record_figure(run: Run) -> Figure:
+    if run.check is not None:
+        made, axes = plot.figure(2, 1, height=3.2)
+        plot.record(axes[0], run.case)
+        plot.coverage(axes[1], run.case)
+        return made
     made, ax = plot.figure(height=3.2)
     window = run.fit.window if run.fit else run.design.best if run.design else None
     if window is None and run.explanation is not None and run.case.choices.diagnose_days is not None:
-        window = Window(0, run.explanation.study.record.rows)
+        window = diagnosed(run.case)
     plot.record(ax, run.case, window)
     return made
 
@@ -78,9 +83,10 @@ def _record_figure(run: Run) -> Figure:
 def _design_figure(run: Run) -> Figure:
     assert run.design is not None
     made, axes = plot.figure(2 if run.lengths is None else 3, height=2.4)
-    whole = Window(0, run.case.record.rows)
-    sensitivity = theta_kelvin(large_model(run.case), run.case, whole, run.design.diffusivities[0])
-    plot.theta(axes[0], run.case, np.asarray(run.case.record.time) / 86400.0, sensitivity)
+    window = whole(run.case)
+    sensitivity = theta_kelvin(large_model(run.case), run.case, window, run.design.diffusivities[0])
+    days = np.asarray(run.case.record.time)[window.row : window.row + window.rows] / 86400.0
+    plot.theta(axes[0], run.case, days, sensitivity)
     plot.criterion(axes[1], run.design)
     if run.lengths is not None:
         plot.compromise(axes[2], run.lengths)

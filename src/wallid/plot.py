@@ -26,6 +26,7 @@ from .plot_discrepancy import (
     week_residuals,
     week_temperatures,
 )
+from .plot_record import coverage, record, thinned
 from .plot_remainder import (
     colour_limit,
     cumulative_periodogram,
@@ -37,43 +38,16 @@ from .plot_wall import wall
 from .reliability import Loads, Reliability
 
 
-def record(ax: Axes, case: Case, window: Window | None = None) -> None:
-    """The faces and sensors over the whole record, and the window chosen."""
-    days = np.asarray(case.record.time) / 86400.0
-    for side, name, tint in ((0, "left", GREY), (1, "right", RED)):
-        place = "outside" if case.wall.outside == name else "inside"
-        ax.plot(days, case.record.faces[:, side], color=tint, lw=0.8, label=f"{name} face ({place})")
-    for s, sensor in enumerate(case.sensors):
-        there = np.isfinite(case.record.sensors[:, s])
-        sparse = there.mean() < 0.5
-        ax.plot(
-            days[there],
-            case.record.sensors[there, s],
-            ls="none" if sparse else "-",
-            marker="." if sparse else None,
-            color=colour(s),
-            lw=1.0,
-            label=f"{sensor.name} at {100 * sensor.position:g} cm",
-        )
-    if window is not None:
-        step = case.record.step / 86400.0
-        ax.axvspan(window.row * step, (window.row + window.rows - 1) * step, color=YELLOW, alpha=0.35, lw=0)
-    ax.set(xlabel=DAYS, ylabel="temperature (°C)", title=f"Record {case.name}")
-    low, high = ax.get_ylim()
-    ax.set_ylim(low, high + 0.3 * (high - low))  # room for the legend above the curves
-    ax.legend(ncols=3, loc="upper left")
-
-
 def theta(ax: Axes, case: Case, days: np.ndarray, sensitivity: np.ndarray) -> None:
     """The sensitivity dT/d ln(alpha) at each sensor."""
     for s, sensor in enumerate(case.sensors):
-        ax.plot(days, sensitivity[:, s], color=colour(s), lw=0.8, label=sensor.name)
+        ax.plot(*thinned(days, sensitivity[:, s]), color=colour(s), lw=0.8, label=sensor.name)
     ax.set(
         xlabel=DAYS,
         ylabel=r"$\partial T / \partial \ln \alpha$ (K)",
         title="Sensitivity to the diffusivity",
     )
-    ax.legend(ncols=3)
+    ax.legend(ncols=3, loc="upper left")
 
 
 def criterion(ax: Axes, design: Design) -> None:
@@ -264,6 +238,7 @@ __all__ = [
     "compromise",
     "confusability",
     "convergence",
+    "coverage",
     "criterion",
     "cumulative_periodogram",
     "density",

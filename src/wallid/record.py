@@ -12,11 +12,12 @@ from typing import no_type_check
 
 import numpy as np
 
-from ._columns import read_columns
-from ._fields import number, settle
-from .wall import InputError
+from ._fields import InputError, number, settle
+from ._format import Format, check_unit
+from ._reading import read_parts
+from .cleaning import Cleaning
 
-__all__ = ["REGRESSORS", "Record", "read_record"]
+__all__ = ["REGRESSORS", "Format", "Record", "read_record"]
 
 REGRESSORS = (
     "irradiance",  # W/m2, on the outer face
@@ -28,7 +29,6 @@ REGRESSORS = (
     "flux_left",  # W/m2, positive along +x
     "flux_right",  # W/m2, positive along +x
 )
-_AIR = ("air_outdoor", "air_indoor")
 
 
 @no_type_check
@@ -40,7 +40,8 @@ class Record:
         time: s since the first row, (time,).
         stamps: the rows' times as in the file: datetime64[ns] by the clock of `zone`, or s, (time,).
         zone: fixed offset of the stamps from UTC, such as "+01:00" or "Z"; None where none is given.
-        faces: left and right face temperature, degC, (time, 2).
+        faces: left and right face temperature, degC, (time, 2); interpolated where `fill_std` is not 0, and
+            in broken rows no more than a placeholder, the straight line across.
         sensors: inner temperatures, degC, NaN where missing, (time, sensor).
         names: of the sensors.
         regressors: other columns by their keys in `REGRESSORS`, NaN where missing, (time,) each.
@@ -48,6 +49,10 @@ class Record:
         flux_noise_std: of the flux readings, W/m2; None where not stated.
         flux_gain_std: relative standard deviation of the flux sensors' gain; None where not stated.
         file: where it was read from, for messages.
+        fill_std: standard error of interpolated faces, K: 0 where a face was read, infinite in broken rows,
+            (time, 2); None where every row was read. Within one gap the errors go together: they are
+            a bow, not noise.
+        cleaning: what was done to the values while they were read.
 
     Raises:
         InputError: a standard deviation that is negative or not a number.
@@ -64,6 +69,8 @@ class Record:
     flux_noise_std: float | None = None
     flux_gain_std: float | None = None
     file: str = "record"
+    fill_std: np.ndarray | None = None
+    cleaning: Cleaning = field(default_factory=Cleaning)
 
     def __post_init__(self) -> None:
         settle(self, boundary_noise_std=number("boundary_noise_std", self.boundary_noise_std, "K", least=0.0))
@@ -91,6 +98,37 @@ class Record:
         """How many rows make so many days."""
         return max(1, round(days * 86400.0 / self.step))
 
+    @cached_property
+    def faces_std(self) -> np.ndarray:
+        """Standard deviation of the faces in each row, K, (time, 2): `boundary_noise_std`, or more where filled."""
+        plain = np.full(self.faces.shape, self.boundary_noise_std)
+        return plain if self.fill_std is None else np.maximum(plain, self.fill_std)
+
+    @cached_property
+    def broken(self) -> np.ndarray:
+        """In which rows a face is missing for too long to be interpolated, (time,)."""
+        if self.fill_std is None:
+            return np.zeros(self.rows, bool)
+        return np.isinf(self.fill_std).any(axis=1)
+
+    @cached_property
+    def unbroken(self) -> tuple[tuple[int, int], ...]:
+        """The record's parts between its breaks: (first row, rows) of each; one where there is no break."""
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], (~self.broken).astype(int), [0]])))
+        return tuple((int(a), int(b - a)) for a, b in zip(edges[::2], edges[1::2], strict=True))
+
+    @property
+    def longest_part(self) -> tuple[int, int]:
+        """The longest of `unbroken`: (first row, rows); the earliest of equals."""
+        return max(self.unbroken, key=lambda part: part[1])
+
+    def holds(self, start_rows: np.ndarray | int, rows: int) -> np.ndarray:
+        """Whether windows of so many rows lie in the record, no break in them."""
+        start = np.asarray(start_rows)
+        broken = np.concatenate([[0], np.cumsum(self.broken)])
+        end = np.minimum(start + rows, self.rows)
+        return (start >= 0) & (start + rows <= self.rows) & (broken[end] == broken[np.maximum(start, 0)])
+
     def window(self, start_row: int, rows: int) -> Record:
         """Consecutive rows as a record of their own, whose time restarts at 0.
 
@@ -110,6 +148,8 @@ class Record:
             faces=self.faces[part],
             sensors=self.sensors[part],
             regressors={key: values[part] for key, values in self.regressors.items()},
+            fill_std=None if self.fill_std is None else self.fill_std[part],
+            cleaning=self.cleaning if rows == self.rows else Cleaning(),
         )
 
     def stamp(self, row: int) -> str | float:
@@ -141,7 +181,8 @@ class Record:
 
     def summary(self) -> str:
         """A few lines: span, step, rows, missing values, range of each face."""
-        low, high = self.faces.min(axis=0), self.faces.max(axis=0)
+        faces = self.faces[~self.broken]
+        low, high = faces.min(axis=0), faces.max(axis=0)
         first, last = (s if isinstance(s := self.stamp(row), str) else f"{s:.15g} s" for row in (0, self.rows - 1))
         missing = np.isnan(self.sensors).sum(axis=0)
         gaps = ", ".join(f"{name} {count}" for name, count in zip(self.names, missing, strict=True) if count)
@@ -153,6 +194,13 @@ class Record:
         ]
         if self.regressors:
             lines.append(f"  also: {', '.join(self.regressors)}")
+        if done := self.cleaning.lines():
+            lines += ["  what was done to it:", *(f"    {line}" for line in done)]
+        if len(self.unbroken) > 1:
+            row, rows = self.longest_part
+            lines.append(
+                f"  longest unbroken part: {rows} rows from {self.stamp(row)}, {rows * self.step / 86400:.4g} d"
+            )
         return "\n".join(lines)
 
     __str__ = summary
@@ -169,43 +217,53 @@ def read_record(
     boundary_noise_std: float = 0.1,
     flux_noise_std: float | None = None,
     flux_gain_std: float | None = None,
+    form: Format | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> Record:
-    """A record from a CSV file with a header.
+    """A record from a CSV file as a logger writes it, on a uniform grid.
+
+    Rows that are uniform already are taken as they are. Others are put on a grid of the faces' usual
+    step: faces along straight lines between their readings, each inner reading on its nearest row along
+    the line to its neighbour. A gap in a face is interpolated, its error counted in `fill_std`, or breaks
+    the record where it is longer than the format's `longest_gap`. Inner readings that are missing stay so.
 
     Arguments:
-        time: the column of times: ISO 8601 (with or without zone), or s.
-        left, right: the columns of the face temperatures at x = 0 and x = length, degC.
-        sensors: the inner sensors' columns, degC; empty cells are missing values.
+        time: the column of times: ISO 8601 (with or without zone), dates as the format says, or s.
+        left, right: the columns of the face temperatures at x = 0 and x = length.
+        sensors: the inner sensors' columns; empty cells are missing values.
         regressors: a column for any of the keys in `REGRESSORS`.
         boundary_noise_std: K. flux_noise_std: W/m2. flux_gain_std: relative.
+        form: how the file is written and what may be made of it; None for what can be seen from the file.
+        units: "degC", "degF" or "K" of columns that are not in the format's unit.
 
     Raises:
-        InputError: what is wrong with the file, with its line and column.
+        InputError: what is wrong with the file, with its line and column, and the way out.
     """
-    regressors = dict(regressors or {})
+    regressors, units = dict(regressors or {}), dict(units or {})
     for key in regressors:
         if key not in REGRESSORS:
             raise InputError(f'unknown regressor "{key}"; known are {", ".join(REGRESSORS)}')
+    for name, unit in units.items():
+        check_unit(f'unit of "{name}"', unit)
     for name, count in Counter([time, left, right, *sensors]).items():
         if count > 1:
             raise InputError(
                 f'{path}: column "{name}" is used {count} times; time, both faces and every sensor need a '
                 "column of their own"
             )
-    table = read_columns(path, time, [left, right, *sensors, *regressors.values()])
-    inner = [table.temperature(name) for name in sensors]
+    parts = read_parts(path, time, (left, right), sensors, regressors, form or Format(), units)
     return Record(
-        time=table.time,
-        stamps=table.stamps,
-        zone=table.zone,
-        faces=np.stack([table.face(left), table.face(right)], axis=1),
-        sensors=np.stack(inner, axis=1) if inner else np.empty((len(table.time), 0)),
+        time=parts.time,
+        stamps=parts.stamps,
+        zone=parts.zone,
+        faces=parts.faces,
+        sensors=parts.sensors,
         names=tuple(sensors),
-        regressors={
-            key: (table.temperature if key in _AIR else table.present)(name) for key, name in regressors.items()
-        },
+        regressors=parts.regressors,
         boundary_noise_std=boundary_noise_std,
         flux_noise_std=flux_noise_std,
         flux_gain_std=flux_gain_std,
-        file=table.place.file,
+        file=str(path),
+        fill_std=parts.fill_std,
+        cleaning=parts.cleaning,
     )

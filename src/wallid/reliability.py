@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from .case import Case
 from .estimate import Estimate, paper_sigma
-from .experiment import Experiment, Window, check_driven, experiment, fit_profile, large_model, scales
+from .experiment import Experiment, check_driven, experiment, fit_profile, large_model, scales, whole
 from .lom import Output
 from .metrics import eps_2
 from .simulate import simulate
@@ -55,7 +55,7 @@ class Reliability:
     """The record's sensors predicted with the prior and with the estimate.
 
     Arguments:
-        days: of the rows, from the record's first.
+        days: of the rows, from the record's first; of a broken record its longest part.
         measured, prior, predicted: degC, `(time, sensor)`.
         sigma: the paper's combined uncertainty of each reading, K, `(time, sensor)`.
         profile_eps_2: root mean square of the initial profile's fit, K; None where it was given.
@@ -104,7 +104,9 @@ class Reliability:
 
 
 def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> Reliability:
-    """Predict the whole record, by `diffrax.diffeqsolve`, with the prior and with the estimate.
+    """Predict the whole record with the prior and with the estimate, by `diffrax.diffeqsolve`.
+
+    Of a broken record, that is its longest part.
 
     Arguments:
         model: the model to predict with, such as the reduced one; None for the large model.
@@ -112,7 +114,8 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
     Raises:
         InputError: a reduced model that does not know what a face of the record does.
     """
-    whole = Window(0, case.record.rows)
+    window = whole(case)
+    part = slice(window.row, window.row + window.rows)
     inner = 0.0 if case.wall.inside == "left" else case.wall.length
     large = large_model(
         case,
@@ -120,8 +123,8 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
     )
     sensors = len(case.sensors)
     model = large.select(list(range(sensors))) if model is None else model
-    check_driven(model, case, whole)
-    data, scale = experiment(case), scales(case)
+    check_driven(model, case, window)
+    data, scale = experiment(case, window), scales(case)
     alphas = np.array([case.wall.diffusivity_prior, fit.value])
     prior, predicted = np.asarray(data.celsius(_predict(model, jnp.asarray(scale.fourier(alphas)), data)))
     offsets = np.array([fit.offsets.get(sensor.name, (0.0, 0.0))[0] for sensor in case.sensors])
@@ -130,9 +133,9 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
     slopes = np.asarray(_predict(extra, jnp.asarray(scale.fourier(fit.value * factors)), data))
     slopes = slopes * scale.temperature / case.wall.length
     return Reliability(
-        days=np.asarray(case.record.time) / 86400.0,
+        days=np.asarray(case.record.time)[part] / 86400.0,
         names=tuple(sensor.name for sensor in case.sensors),
-        measured=np.asarray(case.record.sensors),
+        measured=np.asarray(case.record.sensors)[part],
         prior=prior + offsets,
         predicted=predicted + offsets,
         sigma=paper_sigma(
@@ -140,7 +143,7 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
             slopes[_AT_ESTIMATE, :, :-1],
             np.array([sensor.position_std for sensor in case.sensors]),
         ),
-        profile_eps_2=fit_profile(case, 0).eps_2,
+        profile_eps_2=fit_profile(case, window.row).eps_2,
         loads=_loads(case, factors, slopes[:, :, -1]),
     )
 

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from .check import describe
 from .discrepancy import Explanation
 from .effects import untestable
 from .estimate import Estimate
-from .experiment import Window, scales
+from .experiment import diagnosed, scales
 from .wall import InputError
 from .workflow import Run
 
@@ -60,6 +61,9 @@ def result(run: Run) -> dict[str, Any]:
         found["reliability"] = _reliability(run)
     if run.explanation is not None:
         found |= run.explanation.result() | _evidence(run.explanation)
+    found["record"] = describe(run.case.record)
+    if run.check is not None:
+        found["stops"], found["notes"] = list(run.check.stops), list(run.check.notes)
     found["seconds"] = run.seconds
     return _finite(found)
 
@@ -72,7 +76,7 @@ def _window(run: Run) -> dict[str, Any] | None:
     elif run.design is not None:
         window = run.design.best
     elif run.explanation is not None:
-        window = Window(0, run.explanation.study.record.rows)
+        window = diagnosed(run.case)
     else:
         return None
     if run.design is not None and window.row in run.design.starts:

@@ -141,6 +141,7 @@ class Sensor:
         noise_std: K, of each reading.
         position_std: m.
         offset_std: K, prior of a constant offset; 0 means that none is estimated.
+        unit: of the record's column, "degC", "degF" or "K"; None for the record's own.
 
     Raises:
         InputError: a value that is not a number within its limits.
@@ -152,9 +153,12 @@ class Sensor:
     noise_std: float
     position_std: float = 0.0
     offset_std: float = 0.0
+    unit: Literal["degC", "degF", "K"] | None = None
 
     def __post_init__(self) -> None:
         text("name", self.name)
+        if self.unit is not None:
+            one_of("unit", self.unit, ("degC", "degF", "K"))
         settle(
             self,
             position=number("position", self.position, "m"),

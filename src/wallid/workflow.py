@@ -10,10 +10,11 @@ from typing import Literal
 
 from ._columns import FEWEST_ROWS
 from .case import Case
+from .check import Check, check
 from .design import Design, Lengths, design, lengths
 from .discrepancy import Explanation, explain
 from .estimate import Estimate, estimate, seconds_of_estimate
-from .experiment import Window, large_model
+from .experiment import Window, large_model, whole
 from .learning import learn, learning_signals
 from .mim import Learned, sweep_orders
 from .reliability import Reliability, reliability
@@ -25,7 +26,8 @@ Progress = Callable[[str, float], None]
 """Told the stage now beginning, and the share of the work done before it, 0 to 1."""
 
 STAGES = ("design", "learn", "estimate", "reliability", "lengths")
-"""Of a run; `diagnose` is one more, which takes as long as all of these together many times over."""
+"""Of a run; `diagnose` is one more, which takes as long as all of these together many times over, and `check` one
+that only looks at the record."""
 
 _DAYS = (1.0, 2.0, 3.0, 5.0, 10.0)  # of the compromise figure
 _MOST_ROWS = 20_000  # past this, one length of the compromise costs seconds: not part of a run
@@ -40,6 +42,7 @@ class Run:
     """
 
     case: Case
+    check: Check | None = None
     design: Design | None = None
     lengths: Lengths | None = None
     learned: Learned | None = None
@@ -65,11 +68,23 @@ class Run:
             return self.explanation.sentence if self.explanation.verdict == "uninformative" else ""
         if self.fit is not None:
             return self.fit.reason
+        if self.check is not None:
+            return "; ".join(self.check.stops)
         return str(self.design) if self.design is not None and not self.design.informative else ""
 
     def __str__(self) -> str:
         parts = [self.case, self.design, self.lengths, self.learned, self.fit, self.reliability, self.explanation]
-        return "\n\n".join(str(part) for part in parts if part is not None)
+        told = [str(part) for part in parts if part is not None]
+        if self.check is not None:
+            told.append(str(self.check))
+        if len(self.case.record.unbroken) > 1 and (self.reliability or self.explanation):
+            told.append(f"the record is broken: the whole record means its longest unbroken part, {self._part()}")
+        return "\n\n".join(told)
+
+    def _part(self) -> str:
+        """The longest unbroken part of the record, in words."""
+        record, part = self.case.record, whole(self.case)
+        return f"{part.rows} rows from {record.stamp(part.row)} to {record.stamp(part.row + part.rows)}"
 
 
 def run(
@@ -97,7 +112,11 @@ def run(
     done = Run(case)
     _check_orders(case, orders)
     begin = _Shares(stages, len(orders), progress)
-    if set(stages) != {"diagnose"}:
+    if "check" in stages:
+        begin("check", "check: what the record holds")
+        with done.timed("check"):
+            done.check = check(case)
+    if set(stages) - {"diagnose", "check"}:
         _of_window(done, stages, window, orders, weights, integrator, begin)
     if "diagnose" in stages:
         begin("diagnose", "diagnose: what the plain model misses")
@@ -112,6 +131,7 @@ class _Shares:
 
     def __init__(self, stages: Sequence[str], orders: int, progress: Progress):
         work = {
+            "check": 1.0,
             "design": 2.0,
             "lengths": 4.0,
             "learn": 5.0 + 4.0 * orders,
@@ -194,4 +214,4 @@ def _days_within(case: Case) -> tuple[float, ...]:
     if case.record.rows > _MOST_ROWS:
         return ()
     rows = {days: case.record.rows_per(days) for days in _DAYS}
-    return tuple(days for days in _DAYS if FEWEST_ROWS <= rows[days] <= case.record.rows // 2)
+    return tuple(days for days in _DAYS if FEWEST_ROWS <= rows[days] <= whole(case).rows // 2)

@@ -19,6 +19,7 @@ from scipy.interpolate import PchipInterpolator
 
 from ..case import Case
 from ..effects import AIRS, SIDES, AbstractEffect, Campaign, Search, library, record_search
+from ..experiment import diagnosed
 from ..extended import LONGEST_SUBSTEP
 from ..lom import wall_cells
 from ..record import Record
@@ -218,9 +219,8 @@ def study(case: Case) -> Study:
 
 
 def _rows_used(case: Case) -> Record:
-    days = case.choices.diagnose_days
-    rows = case.record.rows if days is None else case.record.rows_per(days)
-    return case.record.window(0, min(rows, case.record.rows))
+    window = diagnosed(case)
+    return case.record.window(window.row, window.rows)
 
 
 def _campaign(case: Case, record: Record) -> Campaign:

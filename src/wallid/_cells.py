@@ -1,0 +1,190 @@
+"""Cells as numbers: texts that stand for nothing, other texts, units, values that no wall can have."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ._fields import show
+from ._format import Format, celsius
+from ._place import Place
+from .cleaning import Noted, Notes
+
+KELVIN = 200.0  # degC: a median above it was logged in kelvin
+COLDEST, HOTTEST = -100.0, 150.0  # degC: beyond them stands a fault, or another unit
+_NOTHING = {"nan", "na", "n/a", "n.a.", "#n/a", "null", "none", "nil", "missing", "nodata", "no-data", "no data"}
+_SIGNS = {".", "...", "*", "**", "***", "?", "??", *("-" * count for count in range(1, 9))}
+_FAULTS = {"err", "error", "#err", "fault", "fail", "bad", "invalid", "open", "short", "nc", "n.c.", "open circuit"}
+_RANGE = {"ol", "o.l", "o.l.", "ovl", "ov", "over", "+over", "-over", "overflow", "ul", "under", "out of range"}
+_RANGE |= {f"{side}{mark}range" for side in ("over", "under") for mark in ("", "-", "_", " ")}
+_SHEETS = {"#value!", "#wert!", "#div/0!", "#ref!", "#num!", "#name?"}
+_MARKERS = frozenset(_NOTHING | _SIGNS | _FAULTS | _RANGE | _SHEETS)
+"""What loggers write, in lower case, where there is no reading."""
+_COMMA = re.compile(r"[+-]?\d*,\d+$")
+_UNITS = {
+    "degF": re.compile(r"°\s?F|\bdeg\.?\s?F\b|^\W*F\W*$|fahrenheit", re.IGNORECASE),
+    "K": re.compile(r"^\W*K\W*$|\bkelvin\b", re.IGNORECASE),
+    "degC": re.compile(r"°\s?C|\bdeg\.?\s?C\b|^\W*C\W*$|celsius", re.IGNORECASE),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """A column's cells as numbers.
+
+    Arguments:
+        values: NaN where a cell is empty or masked, (time,).
+        empty, marked, text, infinite: which cells hold nothing, a sign for a missing value, another
+            text, an infinite value, (time,).
+        texts: the cells as they stand, for messages.
+    """
+
+    values: np.ndarray
+    empty: np.ndarray
+    marked: np.ndarray
+    text: np.ndarray
+    infinite: np.ndarray
+    texts: Any
+
+
+def as_numbers(place: Place, column: str, cells: Any, form: Format, decimal: str) -> Numbers:
+    """A series of numbers and texts as numbers.
+
+    Raises:
+        InputError: numbers with decimal commas beside others with decimal points.
+    """
+    empty = cells.isna().to_numpy()
+    none = np.zeros(len(empty), bool)
+    if cells.dtype.kind in "iuf":
+        values, text, marked = cells.to_numpy(float, copy=True), none, none
+    else:
+        values, marked, text = _parse(place, column, cells, empty, form, decimal)
+    infinite = np.isinf(values)
+    for marker in form.missing:
+        if not isinstance(marker, str):
+            marked = marked | (values == marker)
+    values[infinite | marked] = np.nan
+    return Numbers(values, empty, marked, text, infinite, cells)
+
+
+def _parse(place: Place, column: str, cells: Any, empty: np.ndarray, form: Format, decimal: str):
+    """Values of a column of texts, and which are markers or other texts; each different text is read once."""
+    import pandas as pd
+
+    codes, kinds = pd.factorize(cells.where(~empty, "").astype(str).str.strip())
+    kinds = pd.Series(np.asarray(kinds, dtype=object), dtype=str)
+    plain = kinds if decimal == "." else kinds.str.replace(decimal, ".", regex=False)
+    numbers = np.array(pd.to_numeric(plain, errors="coerce"), float)
+    words = {str(marker).casefold() for marker in form.missing if isinstance(marker, str)}
+    lower = kinds.str.casefold()
+    is_marker = (lower.isin(_MARKERS | words) | lower.str.fullmatch(r"#+")).to_numpy(bool)
+    numbers[is_marker | (kinds == "").to_numpy(bool)] = np.nan
+    commas = kinds.str.fullmatch(_COMMA.pattern).to_numpy(bool) & ~is_marker & np.isnan(numbers)
+    if commas.any():
+        row = int(commas[codes].argmax())
+        found = show(str(cells.iloc[row]))
+        if form.decimal is not None or kinds[~commas].str.contains(".", regex=False).any():
+            place.refuse(
+                column,
+                row,
+                f"found {found}; it must be a number with a decimal {'point' if decimal == '.' else 'comma'} as others "
+                'in this file are; write all alike, or state [record] decimal = ","',
+            )
+        numbers[commas] = pd.to_numeric(kinds[commas].str.replace(",", ".", regex=False)).to_numpy(float)
+    is_text = np.isnan(numbers) & ~is_marker
+    return numbers[codes], is_marker[codes] & ~empty, is_text[codes] & ~empty
+
+
+def readings(place: Place, column: str, cells: Any, form: Format, decimal: str, notes: Notes) -> np.ndarray:
+    """A column of any numbers, with all that is none masked and noted.
+
+    Raises:
+        InputError: a column without a number, or mostly text.
+    """
+    found = as_numbers(place, column, cells, form, decimal)
+    text, filled = int(found.text.sum()), int((~found.empty & ~found.marked).sum())
+    if text and 2 * text > filled:
+        row = int(found.text.argmax())
+        place.refuse(
+            column,
+            row,
+            f"found {show(str(cells.iloc[row]))}; it must be a number, and {text} of the column's {filled} filled "
+            "cells are not; name another column, or list what stands for a missing value in [record] missing = "
+            f"[{show(str(cells.iloc[row]))}]",
+        )
+    if np.isnan(found.values).all():
+        if found.infinite.any():
+            place.refuse(
+                column,
+                int(found.infinite.argmax()),
+                "found an infinite value, and no finite number in the whole column; name another column",
+            )
+        place.refuse_column(column, "holds no value; it must hold numbers, or be left out of the case")
+    for kind, which in (("marked", found.marked), ("text", found.text), ("infinite", found.infinite)):
+        if which.any():
+            row = int(which.argmax())
+            noted = Noted(column, kind, int(which.sum()), int(place.lines[row]), show(str(cells.iloc[row])))
+            notes.note(noted, None if kind == "marked" else which)  # a sign for a missing value hides none
+    return found.values
+
+
+def temperatures(
+    place: Place,
+    column: str,
+    cells: Any,
+    form: Format,
+    decimal: str,
+    notes: Notes,
+    *,
+    unit: str,
+    written: str = "",
+) -> np.ndarray:
+    """A column of temperatures in degC, with all that no wall can have masked and noted.
+
+    Arguments:
+        unit: declared. written: what stands for the unit under the column's name, or nothing.
+
+    Raises:
+        InputError: a unit that is not the declared one, or mostly impossible values.
+    """
+    _check_written(place, column, unit, written)
+    raw = readings(place, column, cells, form, decimal, notes)
+    values = np.array(celsius(raw, unit), float)
+    if unit != "degC":
+        notes.note(Noted(column, "converted", int(np.isfinite(values).sum()), None, unit))
+    median = float(np.nanmedian(values))
+    if unit == "degC" and median > KELVIN:
+        place.refuse_column(
+            column,
+            f"the median is {median:.6g}, which looks like kelvin; temperatures must be in degC, or their unit stated: "
+            '[record] unit = "K", or unit = "K" in its [[sensor]]',
+        )
+    extreme = (values < COLDEST) | (values > HOTTEST)
+    if extreme.any():
+        row, count = int(extreme.argmax()), int(extreme.sum())
+        if 2 * count > np.isfinite(values).sum():
+            place.refuse(
+                column,
+                row,
+                f"found {raw[row]:.6g}, and {count} of {np.isfinite(values).sum()} values are not between {COLDEST:g} "
+                f"and {HOTTEST:g} degC; is [record] unit right?",
+            )
+        notes.note(Noted(column, "impossible", count, int(place.lines[row]), f"{raw[row]:.6g}"), extreme)
+        values[extreme] = np.nan
+    return values
+
+
+def _check_written(place: Place, column: str, unit: str, written: str) -> None:
+    """The unit that stands in the file must be the one declared."""
+    for known, pattern in _UNITS.items():
+        if written and pattern.search(written):
+            if known != unit:
+                place.refuse_column(
+                    column,
+                    f'{show(written)} stands under its name, and the case takes "{unit}"; state its unit: [record] '
+                    f'unit = "{known}", or unit = "{known}" in its [[sensor]]',
+                )
+            return
