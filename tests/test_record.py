@@ -373,7 +373,7 @@ def test_kelvin(reads):
 
 def test_a_unit_that_is_not_the_stated_one(reads):
     text = sheet().to_csv(index=False).replace("T2\n", "T2\n,degC,degC,°F,degC\n", 1)
-    refuses(reads(text), 'column "T1": "°F" stands under its name', 'unit = "degF"')
+    refuses(reads(text), 'column "T1": "°F" says that it is in degF', 'unit = "degF"')
 
 
 def test_regressors(reads):

@@ -25,10 +25,11 @@ _MARKERS = frozenset(_NOTHING | _SIGNS | _FAULTS | _RANGE | _SHEETS)
 """What loggers write, in lower case, where there is no reading."""
 _COMMA = re.compile(r"[+-]?\d*,\d+$")
 _UNITS = {
-    "degF": re.compile(r"°\s?F|\bdeg\.?\s?F\b|^\W*F\W*$|fahrenheit", re.IGNORECASE),
-    "K": re.compile(r"^\W*K\W*$|\bkelvin\b", re.IGNORECASE),
-    "degC": re.compile(r"°\s?C|\bdeg\.?\s?C\b|^\W*C\W*$|celsius", re.IGNORECASE),
+    "degF": (re.compile(r"°\s?F|\bdeg\.?\s?F\b|fahrenheit", re.IGNORECASE), re.compile(r"^\W*F\W*$")),
+    "K": (re.compile(r"\bkelvin\b|°\s?K", re.IGNORECASE), re.compile(r"^\W*K\W*$")),
+    "degC": (re.compile(r"°\s?C|\bdeg\.?\s?C\b|celsius", re.IGNORECASE), re.compile(r"^\W*C\W*$")),
 }
+"""How units are written: plainly, and as a letter that is one only where units stand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,18 +140,25 @@ def temperatures(
     decimal: str,
     notes: Notes,
     *,
-    unit: str,
+    unit: str | None,
     written: str = "",
 ) -> np.ndarray:
     """A column of temperatures in degC, with all that no wall can have masked and noted.
 
     Arguments:
-        unit: declared. written: what stands for the unit under the column's name, or nothing.
+        unit: declared; None for degC, which the file must not contradict.
+        written: what stands under the column's name in rows of units.
 
     Raises:
         InputError: a unit that is not the declared one, or mostly impossible values.
     """
-    _check_written(place, column, unit, written)
+    if unit is None and (known := unit_of(written, column)) not in (None, "degC"):
+        place.refuse_column(
+            column,
+            f"{show(written or column)} says that it is in {known}; state it: [record] unit = "
+            f'"{known}", or unit = "{known}" in its [[sensor]] (or "degC" if that is what it is)',
+        )
+    unit = unit or "degC"
     raw = readings(place, column, cells, form, decimal, notes)
     values = np.array(celsius(raw, unit), float)
     if unit != "degC":
@@ -177,14 +185,9 @@ def temperatures(
     return values
 
 
-def _check_written(place: Place, column: str, unit: str, written: str) -> None:
-    """The unit that stands in the file must be the one declared."""
-    for known, pattern in _UNITS.items():
-        if written and pattern.search(written):
-            if known != unit:
-                place.refuse_column(
-                    column,
-                    f'{show(written)} stands under its name, and the case takes "{unit}"; state its unit: [record] '
-                    f'unit = "{known}", or unit = "{known}" in its [[sensor]]',
-                )
-            return
+def unit_of(written: str, name: str = "") -> str | None:
+    """The unit of temperature that a text under a column's name says, or else the name itself, in words or degrees."""
+    for known, (sure, letter) in _UNITS.items():
+        if sure.search(written) or letter.search(written):
+            return known
+    return next((known for known, (sure, _) in _UNITS.items() if sure.search(name)), None)

@@ -107,9 +107,7 @@ def read_columns(path: str | os.PathLike[str], time: str, columns: Sequence[str]
             table.place.refuse(name, row, f"found {show(str(cells.iloc[row]))}; it must be a finite number")
         unit = table.sheet.units[name]
         notes = Notes(table.stamps.seconds)
-        values[name] = temperatures(
-            table.place, name, cells, form, table.sheet.decimal, notes, unit="degC", written=unit
-        )
+        values[name] = temperatures(table.place, name, cells, form, table.sheet.decimal, notes, unit=None, written=unit)
         if notes.masked:
             row = int(np.isnan(values[name]).argmax())
             table.place.refuse(name, row, f"found {cells.iloc[row]:.6g}; temperatures must be in degC")

@@ -30,7 +30,8 @@ class Format:
         timezone: whose wall clock the times are, such as "Europe/Berlin", daylight saving included; None
             takes a clock that never jumps.
         missing: texts and numbers that stand for a missing value, beside the common ones.
-        unit: of every temperature column that does not state its own: "degC", "degF" or "K".
+        unit: of every temperature column that does not state its own: "degC", "degF" or "K". None takes
+            degC, and refuses a column that the file says is in another.
         step: of the grid that the readings are put on, s; None takes the faces' usual step.
         longest_gap: h; a face is interpolated across less, and the record is split at more. An inner
             reading between two rows is carried to one of them only between neighbours this close. None
@@ -47,7 +48,7 @@ class Format:
     day_first: bool | None = None
     timezone: str | None = None
     missing: tuple[str | float, ...] = ()
-    unit: Unit = "degC"
+    unit: Unit | None = None
     step: float | None = None
     longest_gap: float | None = None
     clean: bool = True
@@ -57,7 +58,8 @@ class Format:
             one_of("separator", self.separator, SEPARATORS)
         if self.decimal is not None:
             one_of("decimal", self.decimal, (".", ","))
-        one_of("unit", self.unit, UNITS)
+        if self.unit is not None:
+            one_of("unit", self.unit, UNITS)
         for name in ("day_first", "clean"):
             value = getattr(self, name)
             if not isinstance(value, bool) and not (name == "day_first" and value is None):

@@ -100,20 +100,12 @@ def _values(
             decimal,
             notes,
             unit=units.get(name, form.unit),
-            written=f"{table.sheet.units[name]}" or _unit_in(name),
+            written=table.sheet.units[name],
         )
     for name in others:
         if name not in found:
             found[name] = readings(place, name, table.cells[name], form, decimal, notes)
     return found
-
-
-def _unit_in(name: str) -> str:
-    """What stands in brackets at the end of a column's name, or after its comma."""
-    head, mark, tail = (
-        name.partition("[") if "[" in name else name.partition("(") if "(" in name else name.partition(",")
-    )
-    return tail.strip("]) ") if mark and head else ""
 
 
 def _written(table: Table, form: Format) -> str:

@@ -17,7 +17,7 @@ from ._format import SEPARATORS, Format
 _HEAD_LINES = 60  # that are looked at for header, separator and unit rows
 _HEAD_BYTES = 1 << 18
 _MOST_UNIT_ROWS = 3
-_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
+NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
 _POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?$")
 _WESTERN = "°µ²³·ºª–’“”äöüÄÖÜßéèêëàâçîïôûùñáíóúåæøÅÆØ€×±¹¼½¾«»\xa0"
@@ -58,7 +58,7 @@ def read_sheet(path: str | os.PathLike[str], wanted: Sequence[str], form: Format
     """
     file, wanted = str(path), list(dict.fromkeys(wanted))
     content, encoding = read_text(file, form)
-    head = _head(content)
+    head = head_of(content)
     separator, at, header = _find_header(file, head, wanted, form)
     for name in wanted:
         count = header.count(name)
@@ -68,7 +68,7 @@ def read_sheet(path: str | os.PathLike[str], wanted: Sequence[str], form: Format
         if count > 1:
             raise InputError(f'{file}: {count} columns are called "{name}"; names must differ')
     places = [header.index(name) for name in wanted]
-    rows = _split(head[at + 1 :], separator)
+    rows = split_cells(head[at + 1 :], separator)
     unit_rows = _count_unit_rows(rows, places)
     decimal = form.decimal or _find_decimal(rows[unit_rows:], places)
     width = _width(rows[unit_rows:], len(header))
@@ -138,7 +138,7 @@ def _check_western(file: str, content: str) -> None:
             )
 
 
-def _head(content: str) -> list[str]:
+def head_of(content: str) -> list[str]:
     """The first lines."""
     lines = re.split(r"\r\n|\n|\r", content[:_HEAD_BYTES])
     if len(content) > _HEAD_BYTES:
@@ -146,7 +146,7 @@ def _head(content: str) -> list[str]:
     return lines[:_HEAD_LINES]
 
 
-def _split(lines: Sequence[str], separator: str) -> list[list[str]]:
+def split_cells(lines: Sequence[str], separator: str) -> list[list[str]]:
     """Each line's cells; a quotation mark that is not closed takes no other line with it."""
     rows = []
     for line in lines:
@@ -163,7 +163,7 @@ def _find_header(file: str, head: Sequence[str], wanted: Sequence[str], form: Fo
     candidates = SEPARATORS if form.separator is None else (form.separator,)
     tried = []
     for separator in candidates:
-        rows = _split(head, separator)
+        rows = split_cells(head, separator)
         for at, row in enumerate(rows):
             if all(name in row for name in wanted):
                 return separator, at, row
@@ -180,7 +180,7 @@ def _count_unit_rows(rows: Sequence[Sequence[str]], places: Sequence[int]) -> in
     count = 0
     for row in rows[:_MOST_UNIT_ROWS]:
         cells = [row[place] for place in places if place < len(row)]
-        if not any(cells) or (len(cells) > 0 and re.match(r"[+-]?\d", cells[0])) or any(map(_NUMBER.match, cells[1:])):
+        if not any(cells) or (len(cells) > 0 and re.match(r"[+-]?\d", cells[0])) or any(map(NUMBER.match, cells[1:])):
             break
         count += 1
     return count if count < len(rows) else 0

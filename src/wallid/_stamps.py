@@ -16,7 +16,7 @@ HOUR = 3600.0
 STEP_TOLERANCE = 1e-3  # of the step: stamps rounded by the logger
 _YEARS = (1678, 2261)  # of datetime64[ns]
 _ZONE = re.compile(r"(?:([zZ])|([+-]\d{2}):?(\d{2})?)$")
-_DATE = re.compile(r"(\d{1,2})([./-])(\d{1,2})\2(\d{4}|\d{2})(?:([ T,]+)(\d{1,2}:\d{2}.*))?$")
+DATE = re.compile(r"(\d{1,2})([./-])(\d{1,2})\2(\d{4}|\d{2})(?:([ T,]+)(\d{1,2}:\d{2}.*))?$")
 _CLOCKS = ("%H:%M:%S", "%H:%M", "%H:%M:%S.%f", "%I:%M:%S %p", "%I:%M %p")
 _JUMP_MONTHS = (3, 4, 9, 10, 11)  # in which clocks are put forward or back somewhere
 _JUMP_TOLERANCE = 120.0  # s
@@ -62,7 +62,7 @@ def read_stamps(place: Place, column: str, cells: Any, form: Format) -> Stamps:
     if cells.dtype.kind in "iuf" or np.isfinite(_as_numbers(cells.iloc[:1])).all():
         return _read_seconds(place, column, cells, form)
     texts = cells.astype(str).str.strip()
-    if _DATE.match(texts.iloc[0]):
+    if DATE.match(texts.iloc[0]):
         moments, zone, offset = _read_dates(place, column, texts, form), None, 0
     else:
         moments, zone, offset = _read_iso(place, column, texts)
@@ -115,7 +115,7 @@ def _read_iso(place: Place, column: str, texts: Any) -> tuple[np.ndarray, str | 
         found = texts.iloc[row]
         way = (
             "for dates such as 31/12/2014 07:00 state [record] day_first = true (or false)"
-            if _DATE.match(found)
+            if DATE.match(found)
             else "correct or delete this row"
         )
         place.refuse(
@@ -166,7 +166,7 @@ def _read_dates(place: Place, column: str, texts: Any, form: Format) -> np.ndarr
             f"found {show(texts.iloc[0])}, which may begin with the day or the month; state [record] "
             "day_first = true (or false), or log ISO 8601",
         )
-    found = _DATE.match(texts.iloc[0])
+    found = DATE.match(texts.iloc[0])
     assert found is not None
     mark, year = found[2], "%Y" if len(found[4]) == 4 else "%y"
     date = (f"%d{mark}%m{mark}" if form.day_first else f"%m{mark}%d{mark}") + year
@@ -273,7 +273,7 @@ def _at_a_change(earlier: np.datetime64, later: np.datetime64) -> bool:
     import pandas as pd
 
     day = pd.Timestamp(later).normalize()
-    sunday = day.dayofweek == 6
+    sunday = day.day_of_week == 6
     return sunday and day.month in _JUMP_MONTHS and pd.Timestamp(earlier) <= day + pd.Timedelta(hours=4)
 
 

@@ -7,7 +7,7 @@ import sys
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NoReturn
 
 import jax
 import typer
@@ -15,7 +15,8 @@ from threadpoolctl import threadpool_limits
 
 from . import workflow
 from .case import Case, load
-from .experiment import Window, window_rows
+from .experiment import Window, check_unbroken, window_rows
+from .record import Format
 from .wall import InputError
 
 app = typer.Typer(
@@ -114,6 +115,74 @@ def run(
 
 
 @app.command()
+def new(
+    record: Annotated[Path, typer.Argument(metavar="RECORD", help="The logger's file: CSV with a header.")],
+    length: Annotated[str | None, typer.Option("--length", help='Between the faces: 0.43 (m) or "43 cm".')] = None,
+    left: Annotated[str | None, typer.Option("--left", help="The column of the face at x = 0.")] = None,
+    right: Annotated[str | None, typer.Option("--right", help="The column of the face at x = length.")] = None,
+    sensor: Annotated[
+        list[str] | None,
+        typer.Option("--sensor", metavar="NAME=POSITION", help='One inside the wall: T1=0.05 or "T1=5 cm"; repeat it.'),
+    ] = None,
+    time: Annotated[str | None, typer.Option("--time", help="The column of times (else the first one).")] = None,
+    flux_left: Annotated[str | None, typer.Option("--flux-left", help="A column of W/m2, positive along +x.")] = None,
+    flux_right: Annotated[str | None, typer.Option("--flux-right", help="A column of W/m2, positive along +x.")] = None,
+    outside: Annotated[Literal["left", "right"] | None, typer.Option("--outside", help="The face outdoors.")] = None,
+    prior: Annotated[float, typer.Option("--prior", help="A handbook's diffusivity, m2/s.")] = 5e-7,
+    noise: Annotated[float, typer.Option("--noise", help="Scatter of the sensors' readings, K.")] = 0.1,
+    unit: Annotated[Literal["degC", "degF", "K"] | None, typer.Option("--unit", help="Of the temperatures.")] = None,
+    day_first: Annotated[
+        bool | None, typer.Option("--day-first/--month-first", help="How dates such as 03/04/2020 are meant.")
+    ] = None,
+    timezone: Annotated[
+        str | None, typer.Option("--timezone", help='Whose wall clock the times are: "Europe/Berlin".')
+    ] = None,
+    to: Annotated[Path | None, typer.Option("--to", metavar="FILE", help="Default: case.toml beside RECORD.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Write over a file that is there.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Start a case: look at a logger's file, ask what its columns are, and write a case.toml that runs.
+
+    What is not given as an option is asked for; without a terminal it is refused, with the options to give.
+    """
+    from .new import Answers, metres, new_case, place
+
+    try:
+        answers = Answers(
+            time=time,
+            left=left,
+            right=right,
+            length=None if length is None else metres("--length", length),
+            sensors=None if not sensor else dict(place(one) for one in sensor),
+            fluxes={key: one for key, one in (("flux_left", flux_left), ("flux_right", flux_right)) if one is not None},
+            outside=outside,
+            prior=prior,
+            noise=noise,
+            form=Format(unit=unit, day_first=day_first, timezone=timezone),
+        )
+        case = new_case(record, answers, to=to, force=force, ask=_ask if sys.stdin.isatty() else None)
+    except InputError as error:
+        _refuse(error)
+    if not quiet:
+        print(case)
+        print(f"\nwrote        {case.path}; now `wallid check {case.path}`, then `wallid run {case.path}`")
+
+
+def _ask(question: str, default: str | None) -> str:
+    """Ask at the terminal; the question goes to standard error."""
+    try:
+        return str(typer.prompt(question, default=default, err=True))
+    except typer.Abort:
+        raise InputError("stopped; nothing was written") from None
+
+
+def _refuse(error: InputError) -> NoReturn:
+    """One line on standard error, and status 2."""
+    print(f"wallid: {error}", file=sys.stderr)
+    raise typer.Exit(2) from None
+
+
+@app.command()
 def check(case: CaseArgument, out: Out = OUT, json: Json = False, quiet: Quiet = False) -> None:
     """What the record holds, what was done to it while it was read, and what would stop a run.
 
@@ -186,8 +255,7 @@ def _go(
             progress("figures", 0.9)
             written = report.write(done, out, shlex.join(["wallid", *sys.argv[1:]]))
     except InputError as error:
-        print(f"wallid: {error}", file=sys.stderr)
-        raise typer.Exit(2) from None
+        _refuse(error)
     if json:
         print(report.dumps(done))
     elif not quiet:
@@ -215,6 +283,7 @@ def _window(case: Case, row: int) -> Window:
             f"--from-row {row}: a window of {rows} rows from there passes the record's end; "
             f"the last start is {case.record.rows - rows}"
         )
+    check_unbroken(case, Window(row, rows))
     return Window(row, rows)
 
 

@@ -13,6 +13,8 @@ from .mim import Learned, Signals, choose_order, learn_system
 from .simulate import Integrator
 from .wall import InputError
 
+_MOST_ROWS = 1500  # to learn from: three days of a row a minute would take a minute
+
 
 def learn(
     case: Case,
@@ -49,12 +51,13 @@ def learning_signals(case: Case, window: Window) -> Signals:
     """What the reduced model of a window learns from.
 
     The case's own learning signals where it lists some. Otherwise, at each learning diffusivity:
-    each face's course over the window alone (from rest), so that both columns of G are learned. A
+    each face's course over the window alone (from rest), so that both columns of G are learned; of
+    many rows only some, between which the course goes straight: a model learned from them is as good. A
     face that stands still in the window borrows the other's course. In both cases each
     coefficient of the initial profile that is no steady state alone, with faces that meet it.
     """
     scale = scales(case)
-    count = profile_degree(case) + 1
+    count, every = profile_degree(case) + 1, 1
     runs: list[tuple[float, np.ndarray, np.ndarray]] = []
     if case.learning:
         step = float(case.learning[0].time[1] - case.learning[0].time[0])
@@ -65,11 +68,12 @@ def learning_signals(case: Case, window: Window) -> Signals:
         diffusivities = sorted({signal.diffusivity for signal in case.learning})
     else:
         part = case.record.window(window.row, window.rows)
-        step = part.step
-        courses = [course / scale.temperature for course in _face_courses(np.asarray(part.faces))]
+        every = -(-window.rows // _MOST_ROWS)
+        step = every * part.step
+        courses = [course[::every] / scale.temperature for course in _face_courses(np.asarray(part.faces))]
         diffusivities = list(case.choices.learning_diffusivities or ())
         runs += [(alpha, course, np.zeros(count)) for alpha in diffusivities for course in courses]
-    rows = runs[0][1].shape[0] if case.learning else window.rows
+    rows = runs[0][1].shape[0] if case.learning else -(-window.rows // every)
     # a straight line is at rest in a homogeneous wall: the model has it without learning
     for degree in range(1 if case.wall.layers else 2, count):
         faces = np.tile([0.0, 1.0], (rows, 1))
