@@ -13,7 +13,7 @@ from ._format import Format, celsius
 from ._place import Place
 from .cleaning import Noted, Notes
 
-KELVIN = 200.0  # degC: a median above it was logged in kelvin
+KELVIN = (200.0, 400.0)  # degC: a median between them was logged in kelvin
 COLDEST, HOTTEST = -100.0, 150.0  # degC: beyond them stands a fault, or another unit
 _NOTHING = {"nan", "na", "n/a", "n.a.", "#n/a", "null", "none", "nil", "missing", "nodata", "no-data", "no data"}
 _SIGNS = {".", "...", "*", "**", "***", "?", "??", *("-" * count for count in range(1, 9))}
@@ -164,7 +164,7 @@ def temperatures(
     if unit != "degC":
         notes.note(Noted(column, "converted", int(np.isfinite(values).sum()), None, unit))
     median = float(np.nanmedian(values))
-    if unit == "degC" and median > KELVIN:
+    if unit == "degC" and KELVIN[0] < median < KELVIN[1]:
         place.refuse_column(
             column,
             f"the median is {median:.6g}, which looks like kelvin; temperatures must be in degC, or their unit stated: "

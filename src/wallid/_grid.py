@@ -109,7 +109,7 @@ def make_grid(place: Place, column: str, stamps: Stamps, faces: Sequence[np.ndar
             f"{place.file}: the faces have readings together over {max(rows, 0)} rows of {step:g} s only; both must be "
             "logged at the same time"
         )
-    at = phase + step * np.arange(first, last + 1)
+    at = phase + step * first + step * np.arange(rows)  # as `on_grid` has them, to the last bit
     if np.issubdtype(stamps.stamps.dtype, np.datetime64):
         moments = stamps.stamps[0] + np.rint((at - seconds[0]) * 1e9).astype("timedelta64[ns]")
     else:

@@ -166,13 +166,13 @@ def _onto(
     """Every column on the grid, cut to where both faces have readings."""
     seconds, bound = rows.stamps.seconds, form.gap_seconds(grid.step)
     gathered = {name: on_grid(grid, seconds, values) for name, values in rows.values.items()}
-    keep = _both(grid, [gathered[name] for name in faces])
+    found = [fill_face(grid, gathered[name], bound) for name in faces]
+    keep = _both(grid, [gathered[name] for name in faces], found)
     if keep.stop - keep.start < FEWEST_ROWS:
         raise InputError(
-            f"{rows.place.file}: {max(keep.stop - keep.start, 0)} rows of {grid.step:g} s have both faces; at least "
+            f"{rows.place.file}: {keep.stop - keep.start} rows of {grid.step:g} s have both faces; at least "
             f"{FEWEST_ROWS} are needed"
         )
-    found = [fill_face(grid, gathered[name], bound) for name in faces]
     if not grid.as_read:
         for name in (*faces, *sensors):
             _note_moves(name, gathered[name], notes)
@@ -196,12 +196,13 @@ def _onto(
     )
 
 
-def _both(grid: Grid, faces: Sequence[Readings]) -> slice:
-    """The rows from where both faces have had a reading to where one has none any more."""
-    edge = 1e-6 * grid.step
-    begin = max(one.seconds[0] for one in faces) - edge
-    end = min(one.seconds[-1] for one in faces) + edge
-    return slice(int(np.searchsorted(grid.seconds, begin)), int(np.searchsorted(grid.seconds, end, "right")))
+def _both(grid: Grid, readings: Sequence[Readings], faces: Sequence[Face]) -> slice:
+    """From the first row in which both faces are known to the last."""
+    begin = max(one.seconds[0] for one in readings)
+    end = min(one.seconds[-1] for one in readings)
+    known = (grid.seconds >= begin) & (grid.seconds <= end) & ~faces[0].broken & ~faces[1].broken
+    rows = np.flatnonzero(known)
+    return slice(int(rows[0]), int(rows[-1]) + 1) if len(rows) else slice(0, 0)
 
 
 def _on_rows(grid: Grid, name: str, found: Readings, bound: float, notes: Notes, rows: _Rows) -> np.ndarray:

@@ -64,7 +64,8 @@ def read_sheet(path: str | os.PathLike[str], wanted: Sequence[str], form: Format
         count = header.count(name)
         if not count:
             there = ", ".join(header)
-            raise InputError(f'{file}: no column "{name}"; the columns are {there}{nearest(name, header)}')
+            hint = f"; is separator = {show(form.separator)} right?" if form.separator and len(header) == 1 else ""
+            raise InputError(f'{file}: no column "{name}"; the columns are {there}{nearest(name, header)}{hint}')
         if count > 1:
             raise InputError(f'{file}: {count} columns are called "{name}"; names must differ')
     places = [header.index(name) for name in wanted]
