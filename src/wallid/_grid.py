@@ -16,6 +16,7 @@ MOST_ROWS = 6_000_000
 _MOST_PER_ROW = 200  # rows of the grid for each of the file's: past it, one time stands far from the others
 _FEW_ROWS = 20_000
 _SNAP = 0.01  # of the step: nearer than that to a row, a reading stands on it
+_STEADY = 0.5  # resultant of a column's phases, from which on it has one
 _NICE = 0.02  # how far the usual step may be from a round one
 _ROUND = (1, 2, 3, 4, 5, 6, 10, 12, 15, 20, 30)
 _ROUND_STEPS = np.array(
@@ -127,7 +128,8 @@ def on_grid(grid: Grid, seconds: np.ndarray, values: np.ndarray) -> Readings:
     if grid.as_read:
         return Readings(seconds[there], values[there], np.flatnonzero(there))
     seconds, values = seconds[there], values[there]
-    nearest = np.rint((seconds - grid.seconds[0]) / grid.step).astype(int)
+    places = (seconds - grid.seconds[0]) / grid.step
+    nearest = np.floor(places - _shift(places) + 0.5).astype(int)
     starts = np.flatnonzero(np.concatenate([[True], np.diff(nearest) > 0]))
     count = np.diff(np.append(starts, len(nearest)))
     rows = nearest[starts]
@@ -145,6 +147,12 @@ def on_grid(grid: Grid, seconds: np.ndarray, values: np.ndarray) -> Readings:
         int(moved.sum()),
         float(off[snap].max(initial=0.0)),
     )
+
+
+def _shift(places: np.ndarray) -> float:
+    """How far a column is logged off the rows as a rule, in rows: halfway between two, jitter must not decide."""
+    mean = np.mean(np.exp(2j * np.pi * places)) if len(places) else 0.0
+    return float(np.angle(mean) / (2 * np.pi)) if np.abs(mean) > _STEADY else 0.0
 
 
 def _usual_step(seconds: np.ndarray, usual: float) -> float:

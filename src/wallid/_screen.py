@@ -15,12 +15,12 @@ _SPIKE_LEAST = 1.0  # K
 _SPIKE_USUAL = 20.0  # times the median change from reading to reading
 _SPIKE_LARGE = 8.0  # times the change that only 5 % exceed
 _SPIKE_FLANKS = 0.2  # of the jump: how far the readings about it may be apart
-_FLANK = 3  # readings on either side; the highest and the lowest of the six may be spikes too
+_FLANK = 3  # readings on either side; two of the six may be spikes too
 _NEIGHBOURS = 3.0  # usual steps: readings farther apart are no neighbours
 
 _STUCK_LEAST = 12  # readings
 _STUCK_RANGE = 0.5  # K: what a stretch as long must move by elsewhere,
-_STUCK_RESOLUTIONS = 10.0  # and in steps of the column's resolution,
+_STUCK_RESOLUTIONS = 20.0  # and in steps of the column's resolution,
 _STUCK_SHARE = 0.05  # in all but this share of such stretches
 _STUCK_SCALES = 40  # runs that are looked at, longest first
 _FREEZING = 0.5  # K about 0 degC: there a wet wall stands still
@@ -30,9 +30,9 @@ def spikes(seconds: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Which of a column's readings jump away and back to where they were, within three readings and half an hour.
 
     A jump must be larger than 1 K, 20 times the column's median change from reading to reading, and 8 times
-    the change that only 5 % of its steps exceed. The readings next to it, and all but the highest and the
-    lowest of the three on either side, must agree within a fifth of it: what a wall once had comes or goes
-    more slowly.
+    the change that only 5 % of its steps exceed. The readings next to it, and four of the six on either
+    side (at the column's ends all of them), must lie on one line within a fifth of it: what a wall once had
+    comes or goes more slowly.
 
     Arguments:
         seconds, values: of the readings there are, in order, (reading,).
@@ -52,13 +52,17 @@ def spikes(seconds: np.ndarray, values: np.ndarray) -> np.ndarray:
         if rows > 1 and (rows - 1) * step > _SPIKE_SECONDS:
             break
         start = begins[(begins >= _FLANK) & (begins + rows + _FLANK <= len(values))]
-        around = start[:, None] + np.r_[-_FLANK:0, rows : rows + _FLANK]
-        flanks = np.sort(values[around], axis=1)[:, 1:-1]
-        inside = values[start[:, None] + np.arange(rows)]
-        level = np.median(flanks, axis=1)
-        jump = np.abs(inside - level[:, None]).min(axis=1)
-        beside = np.maximum(np.abs(values[start - 1] - level), np.abs(values[start + rows] - level))
-        calm = np.maximum(np.ptp(flanks, axis=1), beside) <= _SPIKE_FLANKS * jump
+        sides = [values[start[:, None] + side] for side in (np.arange(-_FLANK, 0), rows + np.arange(_FLANK))]
+        left, right = (np.median(side, axis=1)[:, None] for side in sides)
+        # the line through what is usual on either side, and how far the readings are from it
+        line = left + (right - left) * (np.arange(-_FLANK, rows + _FLANK) + 2) / (rows + 3)
+        off = np.abs(values[start[:, None] + np.arange(-_FLANK, rows + _FLANK)] - line)
+        jump = off[:, _FLANK : _FLANK + rows].min(axis=1)
+        beside = np.maximum(off[:, _FLANK - 1], off[:, _FLANK + rows])
+        flanks = np.sort(np.delete(off, np.s_[_FLANK : _FLANK + rows], axis=1), axis=1)
+        edge = (start < 2 * _FLANK) | (start + rows + 2 * _FLANK > len(values))  # there half of them are mirrored
+        flanks = np.where(edge, flanks[:, -1], flanks[:, -3])
+        calm = np.maximum(flanks, beside) <= _SPIKE_FLANKS * jump
         near = seconds[start + rows] - seconds[start - 1] <= (_NEIGHBOURS + rows - 1) * step
         for first in start[(jump > least) & calm & near] - _FLANK:
             found[first : first + rows] = True
@@ -69,7 +73,8 @@ def stuck(values: np.ndarray) -> np.ndarray:
     """Which of a column's readings only repeat the one before, where the column elsewhere always moves.
 
     A run of at least 12 equal readings is stuck if 95 % of the stretches of its length (a quarter of the rest
-    at most) elsewhere in the column move by 0.5 K and ten times its resolution. Near 0 degC it may be ice.
+    at most) elsewhere in the column move by 0.5 K and 20 times its resolution, and so do the readings just
+    before and after it: a quiet sensor is quiet for longer. Near 0 degC it may be ice.
 
     Arguments:
         values: the readings there are, in order, (reading,).
@@ -92,7 +97,9 @@ def stuck(values: np.ndarray) -> np.ndarray:
         span = min(length, max(others // 4, 1))
         if span < _STUCK_LEAST or not _moves(values, start, length, span, least):
             break  # a shorter run tells even less
-        if abs(values[start]) > _FREEZING:
+        sides = (values[max(0, start - length) : start], values[start + length : start + 2 * length])
+        lively = all(np.ptp(side) > least for side in sides if len(side) >= _STUCK_LEAST)
+        if lively and abs(values[start]) > _FREEZING:
             found[start + 1 : start + length] = True
     return found
 
