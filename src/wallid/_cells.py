@@ -75,8 +75,8 @@ def _parse(place: Place, column: str, cells: Any, empty: np.ndarray, form: Forma
     """Values of a column of texts, and which are markers or other texts; each different text is read once."""
     import pandas as pd
 
-    codes, kinds = pd.factorize(cells.where(~empty, "").astype(str).str.strip())
-    kinds = pd.Series(np.asarray(kinds, dtype=object), dtype=str)
+    codes, different = pd.factorize(cells.where(~empty, "").astype(str).str.strip())
+    kinds: Any = pd.Series(np.asarray(different, dtype=object), dtype=str)
     plain = kinds if decimal == "." else kinds.str.replace(decimal, ".", regex=False)
     numbers = np.array(pd.to_numeric(plain, errors="coerce"), float)
     words = {str(marker).casefold() for marker in form.missing if isinstance(marker, str)}
@@ -94,7 +94,7 @@ def _parse(place: Place, column: str, cells: Any, empty: np.ndarray, form: Forma
                 f"found {found}; it must be a number with a decimal {'point' if decimal == '.' else 'comma'} as others "
                 'in this file are; write all alike, or state [record] decimal = ","',
             )
-        numbers[commas] = pd.to_numeric(kinds[commas].str.replace(",", ".", regex=False)).to_numpy(float)
+        numbers[commas] = kinds[commas].str.replace(",", ".", regex=False).astype(float)
     is_text = np.isnan(numbers) & ~is_marker
     return numbers[codes], is_marker[codes] & ~empty, is_text[codes] & ~empty
 

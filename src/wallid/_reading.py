@@ -264,8 +264,8 @@ def _breaks(grid: Grid, names: Sequence[str], faces: Sequence[Face], keep: slice
     edges = np.flatnonzero(np.diff(np.concatenate([[0], broken.any(axis=1).astype(int), [0]])))
     stamps, zone, found = grid.stamps[keep], rows.stamps.zone, []
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        columns = tuple(name for name, gone in zip(names, broken[start:stop].any(axis=0), strict=True) if gone)
-        before, after = (show_stamp(stamps[row], zone) for row in (start - 1, stop))
+        columns = tuple(name for side, name in enumerate(names) if broken[start:stop, side].any())
+        before, after = (show_stamp(moment, zone) for moment in (stamps[start - 1], stamps[stop]))
         hours = (stop - start + 1) * grid.step / 3600
         found.append(Break(int(start), int(stop - start), before, after, float(hours), columns))
     return tuple(found)

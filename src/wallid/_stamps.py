@@ -236,9 +236,8 @@ def _offset_of(moment: np.datetime64, timezone: str) -> tuple[str, int]:
     """A zone's offset at a moment in UTC, as text and in s."""
     import pandas as pd
 
-    offset = pd.Timestamp(moment, tz="UTC").tz_convert(timezone).utcoffset()
-    assert offset is not None
-    seconds = int(offset.total_seconds())
+    here: Any = pd.Timestamp(moment, tz="UTC").tz_convert(timezone)
+    seconds = int(here.utcoffset().total_seconds())
     hours, minutes = divmod(abs(seconds) // 60, 60)
     return f"{'-' if seconds < 0 else '+'}{hours:02d}:{minutes:02d}", seconds
 
@@ -272,7 +271,7 @@ def _at_a_change(earlier: np.datetime64, later: np.datetime64) -> bool:
     """Whether an interval meets the first hours of a Sunday in a month in which clocks change."""
     import pandas as pd
 
-    day = pd.Timestamp(later).normalize()
+    day: Any = pd.Timestamp(later).floor("D")
     sunday = day.day_of_week == 6
     return sunday and day.month in _JUMP_MONTHS and pd.Timestamp(earlier) <= day + pd.Timedelta(hours=4)
 

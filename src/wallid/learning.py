@@ -13,7 +13,7 @@ from .mim import Learned, Signals, choose_order, learn_system
 from .simulate import Integrator
 from .wall import InputError
 
-_MOST_ROWS = 1500  # to learn from: three days of a row a minute would take a minute
+_MOST_ROWS = 1000  # to learn from: three days of a row a minute would take a minute
 
 
 def learn(

@@ -129,5 +129,5 @@ def _joined(there: np.ndarray) -> np.ndarray:
 def _stretches(ax: Axes, days: np.ndarray, step: float, place: int, there: np.ndarray, tint: str) -> None:
     """A bar over each stretch of rows."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], there.astype(int), [0]])))
-    bars = [(days[a] - step / 2, (b - a) * step) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    bars = [(float(days[a]) - step / 2, float(b - a) * step) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     ax.broken_barh(bars, (place - 0.3, 0.6), color=tint, lw=0)

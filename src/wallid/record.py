@@ -109,7 +109,7 @@ class Record:
         """In which rows a face is missing for too long to be interpolated, (time,)."""
         if self.fill_std is None:
             return np.zeros(self.rows, bool)
-        return np.isinf(self.fill_std).any(axis=1)
+        return np.asarray(np.isinf(self.fill_std).any(axis=1))
 
     @cached_property
     def unbroken(self) -> tuple[tuple[int, int], ...]:
