@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -262,7 +263,8 @@ def _breaks(grid: Grid, names: Sequence[str], faces: Sequence[Face], keep: slice
     """The stretches in which a face has no reading for too long."""
     broken = np.stack([face.broken[keep] for face in faces], axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], broken.any(axis=1).astype(int), [0]])))
-    stamps, zone, found = grid.stamps[keep], rows.stamps.zone, []
+    stamps: Any = grid.stamps[keep]
+    zone, found = rows.stamps.zone, []
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         columns = tuple(name for side, name in enumerate(names) if broken[start:stop, side].any())
         before, after = (show_stamp(moment, zone) for moment in (stamps[start - 1], stamps[stop]))
