@@ -61,7 +61,12 @@ def test_check_tells_counts_and_draws(command, house, tmp_path):
         "nothing would stop a run",
     ):
         assert words in ended.stdout
-    assert {file.name for file in (tmp_path / "out").iterdir()} == {"record.png", "result.json"}
+    assert {file.name for file in (tmp_path / "out").iterdir()} == {
+        "record.png",
+        "wall.png",
+        "report.html",
+        "result.json",
+    }
     assert (tmp_path / "out" / "record.png").stat().st_size > 20_000
 
 

@@ -22,7 +22,8 @@ def _wall(run: Run) -> str:
 
 def _record(run: Run) -> str:
     record = run.case.record
-    low, high = record.faces.min(axis=0), record.faces.max(axis=0)
+    faces = record.faces[~record.broken]
+    low, high = faces.min(axis=0), faces.max(axis=0)
     return (
         f"Temperatures over {record.duration / 86400:.3g} days: left face {low[0]:.1f} to {high[0]:.1f} degC, right "
         f"face {low[1]:.1f} to {high[1]:.1f} degC, {len(record.names)} inner sensors; the window used is shaded."
@@ -91,7 +92,7 @@ def _said(text: str) -> Alternative:
 
 CAPTIONS: dict[str, tuple[str, Alternative]] = {
     "wall": ("The wall in section, to scale across, with the places of its sensors.", _wall),
-    "record": ("What was logged. Shaded: the window that the estimate uses.", _record),
+    "record": ("What was logged. Yellow: the window that an estimate uses; grey: where the record is broken.", _record),
     "design": (
         "Which days tell most: how far each reading would move with the diffusivity, and what a window from each "
         "start day would tell, over the best.",

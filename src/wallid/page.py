@@ -76,7 +76,7 @@ def page(run: Run, result: dict[str, Any], figures: Iterable[tuple[str, Figure]]
         explanation=run.explanation,
         result=result,
         verdict=result["verdict"],
-        badge=_BADGES[result["verdict"]],
+        badge=_badge(run, result),
         answer=answer(run, result),
         pictures=pictures,
         tables=list(tables(result)),
@@ -88,8 +88,17 @@ def page(run: Run, result: dict[str, Any], figures: Iterable[tuple[str, Figure]]
     )
 
 
+def _badge(run: Run, result: dict[str, Any]) -> str:
+    if run.check is not None:
+        return "a run would stop" if run.check.stops else "a run can go ahead"
+    return _BADGES[result["verdict"]]
+
+
 def answer(run: Run, result: dict[str, Any]) -> str:
     """The verdict in a sentence or two."""
+    if run.check is not None:
+        told = [*(f"A run would stop: {stop}" for stop in run.check.stops), *run.check.notes]
+        return ". ".join(told or ["Nothing would stop a run"]) + "."
     if run.explanation is not None:
         return run.explanation.sentence
     if run.unreliable:
