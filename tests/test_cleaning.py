@@ -131,20 +131,23 @@ def test_a_logger_that_leaves_midnight_out(read):
 @settings(max_examples=40)
 @given(
     zone=st.sampled_from(["Europe/Berlin", "America/New_York", "Australia/Sydney", "Europe/London", "UTC"]),
+    newest_first=st.booleans(),
     minutes=st.sampled_from([5, 10, 30, 60]),
     start=st.datetimes(datetime(2019, 1, 1), datetime(2020, 12, 1)),
 )
-def test_wall_clocks_are_resolved(tmp_path_factory, zone, minutes, start):
+def test_wall_clocks_are_resolved(tmp_path_factory, zone, minutes, start, newest_first):
     """A month by zoneinfo's clock, its repeated or missing hour included, is a uniform record again."""
     start = start.replace(second=0, microsecond=0, minute=0, tzinfo=UTC)
     moments = [start + timedelta(minutes=minutes * k) for k in range(33 * 24 * 60 // minutes)]
     clock = [moment.astimezone(ZoneInfo(zone)).replace(tzinfo=None).isoformat() for moment in moments]
     path = tmp_path_factory.mktemp("clock") / "record.csv"
-    path.write_text("time,a,b\n" + "\n".join(f"{t},{k % 7},{k}e-3" for k, t in enumerate(clock)))
+    lines = [f"{t},{k % 7},{k}e-3" for k, t in enumerate(clock)]
+    path.write_text("\n".join(["time,a,b", *(reversed(lines) if newest_first else lines)]))
     record = read_record(path, time="time", left="a", right="b", form=Format(timezone=zone, clean=False))
     np.testing.assert_array_equal(record.time, 60.0 * minutes * np.arange(len(moments)))
     first = moments[0].astimezone(ZoneInfo(zone))
     assert record.stamp(0) == first.isoformat()
+    np.testing.assert_array_equal(record.faces[:, 0], np.arange(len(moments)) % 7)
 
 
 def test_a_clock_that_did_not_follow(read):

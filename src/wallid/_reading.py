@@ -14,7 +14,7 @@ from ._columns import FEWEST_ROWS, Table, read_table
 from ._fields import InputError
 from ._format import Format
 from ._gaps import Face, fill_face
-from ._grid import Grid, Readings, make_grid, on_grid
+from ._grid import USUAL, Grid, Readings, make_grid, on_grid
 from ._order import in_order
 from ._place import Place
 from ._screen import spikes, stuck
@@ -177,7 +177,8 @@ def _onto(
     if not grid.as_read:
         for name in (*faces, *sensors):
             _note_moves(name, gathered[name], notes)
-    inner = [_on_rows(grid, name, gathered[name], bound, notes, rows) for name in sensors]
+    near = max(bound, USUAL * grid.step)
+    inner = [_on_rows(grid, name, gathered[name], near, notes, rows) for name in sensors]
     if (cut := len(grid.seconds) - (keep.stop - keep.start)) > 0:
         notes.note(Noted("", "trimmed", cut))
     for name, face in zip(faces, found, strict=True):

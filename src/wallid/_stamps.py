@@ -74,7 +74,7 @@ def read_stamps(place: Place, column: str, cells: Any, form: Format) -> Stamps:
                 f"found {show(texts.iloc[0])}, which has a zone of its own; leave [record] timezone out",
             )
         moments = _resolve(place, column, moments, form.timezone)
-        zone, offset = _offset_of(moments[0], form.timezone)
+        zone, offset = _offset_of(moments.min(), form.timezone)
     stamps = moments + np.timedelta64(offset, "s")
     # from the first row on, so that float64 holds nanoseconds
     return Stamps((stamps - stamps[0]) / np.timedelta64(1, "s"), stamps, zone)
@@ -195,6 +195,9 @@ def _resolve(place: Place, column: str, clock: np.ndarray, timezone: str) -> np.
     """Moments in UTC from a wall clock; of the hour that comes twice, by the rows' order."""
     import pandas as pd
 
+    steps = np.diff(clock)
+    if np.sum(steps < np.timedelta64(0)) > np.sum(steps > np.timedelta64(0)):  # the newest first
+        return _resolve(Place(place.file, place.lines[::-1]), column, clock[::-1], timezone)[::-1]
     local = pd.DatetimeIndex(clock)
     first = local.tz_localize(timezone, ambiguous=np.ones(len(local), bool), nonexistent="NaT")
     if (missing := np.asarray(first.isna())).any():
