@@ -42,7 +42,6 @@ class Run:
     """
 
     case: Case
-    check: Check | None = None
     design: Design | None = None
     lengths: Lengths | None = None
     learned: Learned | None = None
@@ -50,6 +49,7 @@ class Run:
     fit: Estimate | None = None
     reliability: Reliability | None = None
     explanation: Explanation | None = None
+    check: Check | None = None
     seconds: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
