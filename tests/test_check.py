@@ -225,6 +225,16 @@ def test_units_that_show(tmp_path):
     assert (metres("x", "430 mm"), metres("x", "0,43"), place("a=b=2 cm")) == (0.43, 0.43, ("a=b", 0.02))
 
 
+def test_times_that_do_not_look_like_it(tmp_path):
+    """Seconds under any name."""
+    lines = [line.split(",", 1) for line in plain_record().splitlines()]
+    spoilt = [f"count,{lines[0][1]}", *(f"{600 * k},{cells}" for k, (_, cells) in enumerate(lines[1:]))]
+    (tmp_path / "record.csv").write_text("\n".join(spoilt))
+    answers = Answers(length=0.3, left="T_left", right="T_right", sensors={"T2": 0.2})
+    refuses(lambda: new_case(tmp_path / "record.csv", answers), "no column of times", "--time")
+    assert new_case(tmp_path / "record.csv", replace(answers, time="count")).record.step == 600.0
+
+
 @pytest.mark.parametrize(
     ("answers", "words"),
     [

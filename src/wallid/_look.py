@@ -67,11 +67,14 @@ class Look:
         return next(column for column in self.columns if column.name == name)
 
 
-def look(path: str | os.PathLike[str], form: Format) -> Look:
+def look(path: str | os.PathLike[str], form: Format, time: str | None = None) -> Look:
     """Read a file's columns without being told of them.
 
+    Arguments:
+        time: the column of times, if a person has named it.
+
     Raises:
-        InputError: a file that cannot be read as a table, or without a column of times.
+        InputError: a file that cannot be read as a table, or without a column that looks like times.
     """
     file = str(path)
     separator, names = _header(file, form)
@@ -92,7 +95,7 @@ def look(path: str | os.PathLike[str], form: Format) -> Look:
             continue
         found = as_numbers(place, name, cells[name], form, sheet.decimal)
         columns.append(_column(name, found.values, sheet.units[name], float(found.text.mean())))
-    if not any(column.kind == "time" for column in columns):
+    if time is None and not any(column.kind == "time" for column in columns):
         there = ", ".join(map(str, columns))
         raise InputError(f"{file}: no column of times; found {there}; name it with --time")
     day_first = None if dates is None else _day_first(dates)

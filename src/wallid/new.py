@@ -85,7 +85,7 @@ def new_case(
     if not target.parent.is_dir():
         raise InputError(f"{target}: there is no folder {target.parent}; make it first")
     answers = answers or Answers()
-    seen = look(record, answers.form)
+    seen = look(record, answers.form, answers.time)
     answers = _complete(record, answers, seen, ask)
     answers = replace(answers, form=_with_unit(answers, seen))
     units = _sensor_units(answers, seen)
