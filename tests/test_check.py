@@ -258,3 +258,16 @@ def test_dates_that_do_not_tell(tmp_path):
     (tmp_path / "record.csv").write_text("\n".join(lines))
     answers = Answers(length=0.3, left="T_left", right="T_right", sensors={"T2": 0.2})
     refuses(lambda: new_case(tmp_path / "record.csv", answers), "--day-first or --month-first")
+
+
+def test_long_curves_keep_their_extremes():
+    from wallid.plot import thinned
+
+    days, values = np.arange(50_000.0), np.sin(np.arange(50_000) / 900)
+    values[30_001], values[1000:9000] = 7.0, np.nan
+    at, shown = thinned(days, values)
+    assert len(at) < 4000 and (np.diff(at) >= 0).all()
+    assert (np.nanmax(shown), np.nanmin(shown)) == (7.0, np.nanmin(values))
+    np.testing.assert_array_equal(shown, values[at.astype(int)])
+    assert np.isnan(shown).any()
+    assert len(thinned(days[:100], values[:100])[0]) == 100

@@ -111,8 +111,8 @@ def measured_against_simulated(ax: Axes, case: Case, fit: Estimate) -> None:
     days = _window_days(case, fit.window)
     part = case.record.window(fit.window.row, fit.window.rows)
     for s, sensor in enumerate(case.sensors):
-        ax.plot(days, part.sensors[:, s], ".", ms=4, color=colour(s), alpha=0.6)
-        ax.plot(days, fit.predicted[:, s], color=colour(s), label=sensor.name)
+        ax.plot(*thinned(days, part.sensors[:, s]), ".", ms=4, color=colour(s), alpha=0.6)
+        ax.plot(*thinned(days, fit.predicted[:, s]), color=colour(s), label=sensor.name)
     ax.set(xlabel=DAYS, ylabel="temperature (°C)", title="Measured (dots) and simulated")
     ax.legend(ncols=3)
 
@@ -122,7 +122,8 @@ def residual(ax: Axes, case: Case, fit: Estimate) -> None:
     days = _window_days(case, fit.window)
     for s, sensor in enumerate(case.sensors):
         there = np.isfinite(fit.residual[:, s])
-        ax.plot(days[there], fit.residual[there, s], ".-", ms=3, lw=0.7, color=colour(s), label=sensor.name)
+        shown = thinned(days[there], fit.residual[there, s])
+        ax.plot(*shown, ".-", ms=3, lw=0.7, color=colour(s), label=sensor.name)
     ax.axhline(0.0, color=GREY, lw=0.8)
     ax.set(xlabel=DAYS, ylabel="residual (K)", title="Measured minus simulated")
     ax.legend(ncols=3)

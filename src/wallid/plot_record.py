@@ -10,7 +10,7 @@ from .case import Case
 from .experiment import Window
 
 BLACK = "#000000"
-_POINTS = 12_000  # of a curve: more than any screen has
+_POINTS = 3000  # of a curve: more than a figure of this width shows
 
 
 def thinned(days: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
