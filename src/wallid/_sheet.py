@@ -60,6 +60,8 @@ def read_sheet(path: str | os.PathLike[str], wanted: Sequence[str], form: Format
     content, encoding = read_text(file, form)
     head = head_of(content)
     separator, at, header = _find_header(file, head, wanted, form)
+    if head[at].count('"') % 2 and not set(wanted) <= set(header):
+        raise InputError(f"{file}: line {at + 1}: a quotation mark is not closed; close or delete it")
     for name in wanted:
         count = header.count(name)
         if not count:
