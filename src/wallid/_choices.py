@@ -36,6 +36,8 @@ class Choices:
         max_iterations: of Gauss-Newton.
         largest_interval_factor: upper over lower end of a 95 % interval past which the record is
             said not to hold the diffusivity.
+        noise: "estimated": the noise's size, and the share and memory of a correlated remainder, are the
+            record's where it tells them; "stated": as the case states it, white, and a misfit widens the interval.
 
     Raises:
         InputError: a value beyond its limits.
@@ -53,9 +55,11 @@ class Choices:
     diagnose_days: float | None = None
     max_iterations: int = 100
     largest_interval_factor: float = 3.0
+    noise: Literal["estimated", "stated"] = "estimated"
 
     def __post_init__(self) -> None:
         one_of("model", self.model, ("mim", "lom"))
+        one_of("noise", self.noise, ("estimated", "stated"))
         settle(
             self,
             window_days=number("window_days", self.window_days, "days", above=0.0, most=_MOST_DAYS),

@@ -1,10 +1,8 @@
-"""The estimate: Gauss-Newton through optimistix, its covariance, and whether it can be relied on.
+"""The estimate: Gauss-Newton through optimistix, its interval, and whether it can be relied on.
 
-Minimised over `y = (ln(alpha/alpha_0), beta)`::
-
-    J(y) = sum over readings ((T_model(alpha) + offset_std beta - T_measured) / sigma)^2 + |beta|^2
-
-with an offset `offset_std beta` for each sensor whose case states an `offset_std`.
+First the paper's iteration, each reading by itself (`least_squares`); from there the likelihood under the full
+covariance (`interval`): the sensors' noise and the faces', which goes through the wall, as white noise and as noise
+that remembers, with offsets, position errors and the initial profile free within their priors.
 """
 
 from __future__ import annotations
@@ -13,12 +11,9 @@ import time as clock
 from dataclasses import dataclass, field
 from typing import Literal
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
-from jaxtyping import Array, Float
 
 from ._fields import one_of
 from .case import Case
@@ -34,31 +29,19 @@ from .experiment import (
     large_model,
     scales,
 )
-from .gauss_newton import GaussNewton, Trace
+from .interval import NORMAL_95, Bootstrap, Settled, bootstrap, settle
 from .learning import learn
+from .least_squares import Fit, apart, covariance, fit_experiment, paper_sigma, simple_sigma
+from .likelihood import HIGHEST, LOWEST
 from .mim import Learned
-from .sensitivity import explicit, field_with_theta, run
+from .sensitivity import explicit
 from .simulate import Integrator
 from .statespace import StateSpace
 from .wall import InputError
 
-LOWEST, HIGHEST = 1e-10, 1e-2
-"""Bounds of the search, m2/s: past any solid. An estimate at one is none."""
+__all__ = ["Estimate", "estimate", "fit_experiment", "paper_sigma", "seconds_of_estimate", "theta_kelvin"]
 
-NORMAL_95 = 1.959963984540054  # 97.5 % quantile of the normal distribution
-_NO_INFORMATION = 1e-9  # singular value over the largest: this direction is not in the record
-
-
-class _Fit(eqx.Module):
-    """What the compiled estimate gives back."""
-
-    parameters: Float[Array, " param"]
-    trace: Trace
-    residual: Array
-    predicted: Array
-    jacobian: Array
-    evaluations: Array
-    converged: Array
+_FEWEST_DRAWS = 20  # of a bootstrap that is to give a 95 % interval
 
 
 @dataclass(frozen=True)
@@ -66,24 +49,30 @@ class Estimate:
     """A diffusivity with its interval, and how it was found.
 
     Arguments:
-        value, std: m2/s. `std` is that of ln(alpha) times alpha, from the inner sensors' stated noise and
-            offsets, and wider by the square root of the reduced chi-square where that is above 1. The
-            faces' noise and position errors are not in it.
-        interval_95: m2/s, symmetric in ln(alpha).
-        offsets: per sensor with an `offset_std`: name -> (value, std), K.
+        value, std: m2/s. `std` is that of ln(alpha) times alpha: from the noise of sensors and faces, and from
+            offsets, position errors and the initial profile within their priors. With `weights="none"` from
+            the paper's simple sigma, and wider by the square root of the reduced chi-square where that is above 1.
+        interval_95: m2/s; `interval_kind` is "normal" (symmetric in ln(alpha)), or "profile likelihood" where the
+            cost is no parabola.
+        offsets: per sensor with an `offset_std`: name -> (value, std), K. `positions`: per sensor with a
+            `position_std`: name -> (true place minus stated, std), m.
         result: "converged", or what stopped the iteration.
         reliable: False where the record gives no number to rely on; `reason` says why.
-        iterations: Gauss-Newton steps taken; `evaluations` counts halved tries too.
-        history: per iterate: diffusivity, cost, gamma_1, gamma_2.
-        reduced_chi_square: the cost over its degrees of freedom.
+        iterations: Gauss-Newton steps of the paper's iteration; `evaluations` counts halved tries too. `rounds`: of
+            Gauss-Newton again, under the covariance found.
+        history: per iterate: diffusivity, cost, gamma_1, gamma_2; of the paper's iteration, then of the rounds.
+        reduced_chi_square: the cost under the noise as stated, over its degrees of freedom.
+        noise: what the record says of the noise, in words; `shares`: what each kind of error makes of the
+            variance, 1.
         predicted, residual: degC and K (measured minus predicted; NaN where missing),
-            `(time, sensor)`, offsets included.
-        covariance: of (ln alpha, offsets in units of their prior).
+            `(time, sensor)`, all that is free included.
+        covariance: of (ln alpha, offsets, positions, profile), those in units of their prior.
         singular_values: of the weighted sensitivity, largest first.
         model_shift: relative change of the estimate that a reduced model's error against the large
             model makes; 0 for the large model. It is counted in `std`.
         profile: the initial profile that the window starts from.
         model: what was fitted, in words.
+        bootstrap: a check of `std` and interval by drawn readings; None where none was asked for.
     """
 
     value: float
@@ -105,22 +94,39 @@ class Estimate:
     profile: Profile
     model: str
     window: Window
+    positions: dict[str, tuple[float, float]] = field(default_factory=dict)
+    interval_kind: Literal["normal", "profile likelihood"] = "normal"
+    rounds: int = 0
+    noise: str = "the paper's simple sigma"
+    shares: dict[str, float] = field(default_factory=dict)
+    bootstrap: Bootstrap | None = None
 
     def __str__(self) -> str:
         low, high = self.interval_95
-        lines = [
-            f"diffusivity  {self.value:.4g} m2/s  +- {self.std:.1g}   (95 %: {low:.4g} to {high:.4g})",
-            f"model        {self.model}; {self.result} after {self.iterations} Gauss-Newton steps",
+        by = "" if self.interval_kind == "normal" else f", by the {self.interval_kind}"
+        found = f"{self.value:.4g} m2/s  +- {self.std:.1g}   (95 %: {low:.4g} to {high:.4g}{by})"
+        lines = [f"diffusivity  {found}"]
+        if not self.reliable:
+            lines = [f"diffusivity  NOT TO BE RELIED ON: {self.reason}", f"             the search ended at {found}"]
+        rounds = f", {self.rounds} rounds under the full covariance" if self.rounds else ""
+        lines += [
+            f"model        {self.model}; {self.result} after {self.iterations} Gauss-Newton steps{rounds}",
             f"residual     {np.sqrt(np.nanmean(self.residual**2)):.3g} K root mean square, "
-            f"reduced chi-square {self.reduced_chi_square:.2f}",
+            f"reduced chi-square {self.reduced_chi_square:.2f}; {self.noise}",
         ]
+        if self.shares:
+            lines.append("variance     " + ", ".join(f"{name} {share:.0%}" for name, share in self.shares.items()))
+        if self.bootstrap is not None:
+            lines.append(str(self.bootstrap))
         if self.profile.eps_2 is not None:
             degree = len(self.profile.coefficients) - 1
             fit = f"eps_2 {self.profile.eps_2:.2g} K" if self.profile.eps_2 > 1e-9 else "through all its readings"
             lines.append(f"profile      initial polynomial of degree {degree}, {fit}")
         lines += [f"offset       {name} {value:+.3f} +- {std:.3f} K" for name, (value, std) in self.offsets.items()]
-        if not self.reliable:
-            lines.append(f"NOT TO BE RELIED ON: {self.reason}")
+        lines += [
+            f"position     {name} {1e3 * value:+.1f} +- {1e3 * std:.1f} mm"
+            for name, (value, std) in self.positions.items()
+        ]
         return "\n".join(lines)
 
 
@@ -134,6 +140,7 @@ def estimate(
     sensitivity: Literal["explicit", "autodiff"] = "explicit",
     integrator: Integrator = "propagator",
     eta: float | None = None,
+    draws: int = 0,
 ) -> Estimate:
     """The diffusivity of a case from one window of its record.
 
@@ -141,21 +148,23 @@ def estimate(
         window: None for the whole record.
         model: None for the case's choice: the large model, or a reduced one learned for the window.
         start: m2/s; None for the case's prior.
-        weights: each sensor by its `noise_std`, or the paper's plain sum of squares, whose covariance
-            then counts what each sensor's noise does to it.
+        weights: the full covariance of the readings, or the paper's plain sum of squares, whose standard error
+            takes the paper's simple sigma for white noise.
         sensitivity: the explicit theta system, or autodiff (with a free H_theta, the first).
         eta: the stopping criterion on the relative change of the diffusivity, and by its square the one
             on the cost's, not under 1e-14; None for the case's.
+        draws: of a parametric bootstrap that checks the interval; 0 for none.
 
     Raises:
         InputError: a reduced model that does not know what a face of this window does.
-            Or a start outside `LOWEST` to `HIGHEST`, or an unknown choice.
+            Or a start outside `LOWEST` to `HIGHEST`, an unknown choice, or too few draws.
     """
     one_of("weights", weights, ("noise", "none"))
     one_of("sensitivity", sensitivity, ("explicit", "autodiff"))
     start = case.wall.diffusivity_prior if start is None else start
     if not LOWEST < start < HIGHEST:
         raise InputError(f"start = {start} m2/s; it must lie between {LOWEST} and {HIGHEST}")
+    check_draws(draws, weights)
     window = Window(0, case.record.rows) if window is None else as_window(window)
     if model is None:
         model = large_model(case) if case.choices.model == "lom" else learn(case, window, integrator=integrator)
@@ -163,11 +172,10 @@ def estimate(
     check_driven(system, case, window)
     data = experiment(case, window, weighted=weights == "noise")
     eta = case.choices.eta if eta is None else eta
-    per_alpha = jnp.asarray(scales(case).fourier(1.0))
     fit = fit_experiment(
         system,
         data,
-        per_alpha,
+        jnp.asarray(scales(case).fourier(1.0)),
         jnp.asarray(start),
         jnp.asarray(eta),
         explicit_theta=sensitivity == "explicit",
@@ -175,175 +183,187 @@ def estimate(
         max_iterations=case.choices.max_iterations,
     )
     reduced = isinstance(model, Learned) or system.order < case.choices.nodes - 2
-    shift = float(_model_shift(large_model(case), system, data, per_alpha, fit)) if reduced else 0.0
-    name = f"{'reduced' if reduced else 'large'} model of order {system.order}"
-    return _conclude(case, window, data, fit, name, shift)
+    words = f"{'reduced' if reduced else 'large'} model of order {system.order}"
+    told = _Told(case, window, data, system, fit, reduced, words)
+    if weights == "none":
+        return _simple(told)
+    settled = _settled(told, eta, sensitivity == "explicit", integrator)
+    return _conclude(told, settled, draws)
 
 
-class _Problem(eqx.Module):
-    """What the Gauss-Newton iteration minimises over `y = (ln(alpha/start), beta)`."""
+def check_draws(draws: int, weights: str = "noise") -> None:
+    """Refuse a bootstrap that could say nothing.
 
-    system: StateSpace
-    data: Experiment
-    fourier_per_alpha: Float[Array, ""]
-    start: Float[Array, ""]
-    explicit_theta: bool = eqx.field(static=True)
-    integrator: Integrator = eqx.field(static=True)
-
-    def predicted(self, y: Float[Array, " param"]) -> Float[Array, "time sensor"]:
-        """Temperatures in degC, offsets included."""
-        fourier = self.fourier_per_alpha * self.start * jnp.exp(y[0])
-        initial, offset = self.data.initial, jnp.zeros_like(self.data.offset_std)
-        if self.data.offsets:
-            places = np.asarray(self.data.offsets)
-            offset = offset.at[places].set(self.data.offset_std[places] * y[1:])
-            # the profile was fitted through readings that hold the offsets
-            initial = initial - self.data.profile_per_offset @ offset
-        if self.explicit_theta:
-            u = field_with_theta(fourier, initial, self.system, self.data, self.integrator)
-        else:
-            u = run(self.system, fourier, self.data.starting_from(initial), integrator=self.integrator)[0]
-        return self.data.celsius(u) + offset
-
-    def residual(self, y: Float[Array, " param"]) -> Float[Array, " reading"]:
-        """The weighted misfit of every reading, then of every offset's prior."""
-        misfit = self.data.weight * (self.predicted(y) - self.data.observed)
-        return jnp.concatenate([misfit.reshape(-1), y[1:]])
-
-
-@eqx.filter_jit
-def fit_experiment(
-    system: StateSpace,
-    data: Experiment,
-    fourier_per_alpha: Float[Array, ""],
-    start: Float[Array, ""],
-    eta: Float[Array, ""],
-    *,
-    explicit_theta: bool = True,
-    integrator: Integrator = "propagator",
-    max_iterations: int = 100,
-) -> _Fit:
-    """The compiled estimate: one compilation for all windows of a length, all starts, all values.
-
-    Arguments:
-        fourier_per_alpha: Fo for a diffusivity of 1 m2/s.
-        start: m2/s.
-        eta: the stopping criterion on the diffusivity; its square is that on the cost.
+    Raises:
+        InputError: too few draws, or one of the paper's plain cost.
     """
-    problem = _Problem(system, data, fourier_per_alpha, start, explicit_theta, integrator)
-    solver = GaussNewton(
-        # near the minimum gamma_1 goes with the square of gamma_2; under 1e-14 a sum of squares is round-off
-        eta_1=jnp.maximum(eta**2, 1e-14),
-        eta_2=eta,
-        lower=jnp.log(LOWEST / start),
-        upper=jnp.log(HIGHEST / start),
-        longest_trace=max_iterations,
-    )
-    solution = optx.least_squares(
-        lambda y, problem: problem.residual(y),
-        solver,
-        jnp.zeros(1 + len(data.offsets)),
-        args=problem,
-        max_steps=max_iterations + 1,
-        throw=False,
-    )
-    y = solution.value
-    trace = solution.stats["trace"]
-    trace = eqx.tree_at(
-        lambda t: t.parameters, trace, trace.parameters.at[:, 0].set(start * jnp.exp(trace.parameters[:, 0]))
-    )
-    predicted = problem.predicted(y)
-    return _Fit(
-        parameters=y,
-        trace=trace,
-        residual=data.observed - predicted,
-        predicted=predicted,
-        jacobian=jax.jacfwd(problem.residual)(y),
-        evaluations=solution.stats["num_steps"],
-        converged=solution.result == optx.RESULTS.successful,
-    )
+    if draws and (draws < _FEWEST_DRAWS or weights == "none"):
+        raise InputError(
+            f"--bootstrap {draws}: a 95 % interval needs at least {_FEWEST_DRAWS} draws"
+            if weights == "noise"
+            else '--bootstrap: it draws from the full covariance, which --weights none leaves out; take "noise"'
+        )
 
 
-@eqx.filter_jit
-def _model_shift(
-    large: StateSpace, system: StateSpace, data: Experiment, fourier_per_alpha: Float[Array, ""], fit: _Fit
-) -> Float[Array, ""]:
-    """How far a reduced model's own error moves ln(alpha): `(J^T J)^-1 J^T W (T_large - T_reduced)`."""
-    fourier = fourier_per_alpha * fit.trace.parameters[fit.trace.count - 1, 0]
-    apart = run(large, fourier, data)[0] - run(system, fourier, data)[0]
-    weighted = (data.weight * data.temperature * apart).reshape(-1)
-    rows = jnp.concatenate([weighted, jnp.zeros(len(data.offsets))])
-    return jnp.linalg.lstsq(fit.jacobian, rows)[0][0]
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """What the paper's iteration gave, and what it was given."""
+
+    case: Case
+    window: Window
+    data: Experiment
+    system: StateSpace
+    fit: Fit
+    reduced: bool
+    words: str
+
+    @property
+    def present(self) -> np.ndarray:
+        """Where there is a reading."""
+        return np.asarray(self.data.weight) > 0
+
+    def apart(self, diffusivity: float) -> np.ndarray | None:
+        """The large model's predictions less the reduced one's, K; None for the large one."""
+        if not self.reduced or not np.isfinite(diffusivity):
+            return None
+        fourier = jnp.asarray(scales(self.case).fourier(diffusivity))
+        return np.asarray(apart(large_model(self.case), self.system, self.data, fourier))
+
+    def history(self, traces=()) -> dict[str, np.ndarray]:
+        """The iterates, those of later rounds appended."""
+        start = self.case.wall.diffusivity_prior
+        rows = [_rows(self.fit.trace, self.fit.trace.parameters[:, 0])]
+        rows += [_rows(trace, start * np.exp(trace.parameters[:, 0])) for trace in traces]
+        return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+
+    def finished(self, **found) -> Estimate:
+        """An estimate with what every kind of it has."""
+        return Estimate(
+            iterations=int(self.fit.trace.count) - 1,
+            evaluations=int(self.fit.evaluations),
+            profile=fit_profile(self.case, self.window.row),
+            model=self.words,
+            window=self.window,
+            **found,
+        )
 
 
-def _conclude(case: Case, window: Window, data: Experiment, fit: _Fit, model: str, shift: float) -> Estimate:
-    """Covariance, interval and verdict from what the compiled estimate gave."""
-    weight, residual = np.asarray(data.weight), np.asarray(fit.residual)
-    present = weight > 0
-    noise = np.array([sensor.noise_std for sensor in case.sensors])
-    row_std = np.concatenate([(weight * noise).reshape(-1), np.ones(len(data.offsets))])
-    singular, covariance = _covariance(np.asarray(fit.jacobian), row_std)
-    count = int(fit.trace.count)
-    beta = np.asarray(fit.parameters[1:])
-    freedom = int(present.sum()) - 1
-    chi_square = float(np.sum((residual / noise)[present] ** 2) + np.sum(beta**2)) / max(freedom, 1)
-    covariance = covariance * max(1.0, chi_square)
-    noise_std_log = float(np.sqrt(covariance[0, 0]))
+def _rows(trace, diffusivity) -> dict[str, np.ndarray]:
+    count = int(trace.count)
+    columns = {"diffusivity": diffusivity, "cost": trace.cost, "gamma_1": trace.gamma_1, "gamma_2": trace.gamma_2}
+    return {name: np.asarray(column)[:count] for name, column in columns.items()}
+
+
+def _settled(told: _Told, eta: float, explicit_theta: bool, integrator: Integrator) -> Settled:
+    """The minimum under the full covariance; the deeper one where there are two."""
+    first = float(told.fit.trace.parameters[int(told.fit.trace.count) - 1, 0])
+    if not LOWEST * 1.001 < first < HIGHEST / 1.001:
+        first = told.case.wall.diffusivity_prior
+    options = {"eta": eta, "explicit_theta": explicit_theta, "integrator": integrator}
+    settled = settle(told.case, told.window, told.data, told.system, first, **options)
+    deeper = settled.interval.deeper
+    if deeper is None:
+        return settled
+    other = settle(
+        told.case, told.window, told.data, told.system, float(settled.problem.start) * np.exp(deeper), **options
+    )
+    return other if other.interval.deeper is None else settled
+
+
+def _conclude(told: _Told, settled: Settled, draws: int) -> Estimate:
+    """Interval and verdict from the minimum under the full covariance."""
+    case, names, best = told.case, settled.names, settled.minimum
+    value, std_log = settled.diffusivity, settled.log_std
+    apart = told.apart(value)
+    shift = 0.0 if apart is None else settled.model_shift(apart)
+    found = settled.interval
+    ends = [
+        float(np.exp(np.clip(np.sign(end) * np.hypot(end, settled.quantile * shift), -700.0, 700.0))) * value
+        for end in (found.low - settled.log_alpha, found.high - settled.log_alpha)
+    ]
+    free, widths = np.asarray(best.parameters)[1:], np.sqrt(np.diag(settled.covariance))[1:]
+    offsets, positions = {}, {}
+    for k, s in enumerate((*names.offsets, *names.positions)):
+        sensor, is_offset = case.sensors[s], k < len(names.offsets)
+        std = sensor.offset_std if is_offset else sensor.position_std
+        (offsets if is_offset else positions)[sensor.name] = (float(std * free[k]), float(std * widths[k]))
+    singular = np.linalg.svd(settled.jacobian, compute_uv=False) if _finite(settled) else np.array([np.nan])
+    reason = _why_unreliable(case, value, (ends[0], ends[1]), singular, bool(best.converged))
+    reason = reason or _why_too_coarse(shift, std_log)
+    covariance = settled.covariance.copy()
     covariance[0, 0] += shift**2
+    return told.finished(
+        value=value,
+        std=value * float(np.hypot(std_log, shift)),
+        interval_95=(ends[0], ends[1]),
+        interval_kind=found.kind,
+        offsets=offsets,
+        positions=positions,
+        result="converged" if bool(best.converged) else "stopped at the largest number of iterations",
+        reliable=not reason,
+        reason=reason,
+        rounds=settled.rounds,
+        history=told.history([best.trace]),
+        reduced_chi_square=settled.reduced_chi_square,
+        noise=str(settled.noise) if settled.estimated else "noise as stated",
+        shares=settled.shares() if not reason else {},
+        predicted=np.asarray(best.predicted),
+        residual=np.where(told.present, np.asarray(told.data.observed - best.predicted), np.nan),
+        covariance=covariance,
+        singular_values=singular,
+        model_shift=shift,
+        bootstrap=bootstrap(settled, draws, case.choices.seed) if draws and not reason else None,
+    )
+
+
+def _finite(settled: Settled) -> bool:
+    return bool(np.all(np.isfinite(settled.jacobian)))
+
+
+def _simple(told: _Told) -> Estimate:
+    """The paper's: plain weights, whose standard error takes noise and positions for white."""
+    case, data, fit = told.case, told.data, told.fit
+    present, weight, residual = told.present, np.asarray(data.weight), np.asarray(fit.residual)
+    count = int(fit.trace.count)
     value = float(fit.trace.parameters[count - 1, 0])
-    std_log = float(np.sqrt(covariance[0, 0]))
+    noise = simple_sigma(case, data, value)
+    row_std = np.concatenate([(weight * noise).reshape(-1), np.ones(len(data.offsets))])
+    singular, spread = covariance(np.asarray(fit.jacobian), row_std)
+    beta = np.asarray(fit.parameters[1:])
+    freedom = max(int(present.sum()) - 1, 1)
+    chi_square = float(np.sum((residual / noise)[present] ** 2) + np.sum(beta**2)) / freedom
+    spread = spread * max(1.0, chi_square)
+    noise_std_log, shift = float(np.sqrt(spread[0, 0])), 0.0
+    if (apart := told.apart(value)) is not None:
+        rows = np.concatenate([(weight * apart).reshape(-1), np.zeros(len(data.offsets))])
+        shift = float(np.linalg.lstsq(np.asarray(fit.jacobian), rows)[0][0])
+    spread[0, 0] += shift**2
+    std_log = float(np.sqrt(spread[0, 0]))
     half = min(NORMAL_95 * std_log, 700.0)  # exp(709) is the largest float
     interval = (value * float(np.exp(-half)), value * float(np.exp(half)))
     offset_std = np.asarray(data.offset_std)[list(data.offsets)]
     names = [case.sensors[s].name for s in data.offsets]
-    offsets = {
-        name: (float(std * beta), float(std * np.sqrt(variance)))
-        for name, std, beta, variance in zip(names, offset_std, beta, np.diag(covariance)[1:], strict=True)
-    }
     reason = _why_unreliable(case, value, interval, singular, bool(fit.converged))
-    if not reason and abs(shift) > noise_std_log:
-        reason = (
-            f"the reduced model's own error moves the estimate by {shift:+.1%}, more than the noise does; take a "
-            'higher order, learning_diffusivities around the estimate, or model = "lom"'
-        )
-    history = {"diffusivity": fit.trace.parameters[:count, 0], "cost": fit.trace.cost[:count]}
-    history |= {"gamma_1": fit.trace.gamma_1[:count], "gamma_2": fit.trace.gamma_2[:count]}
-    return Estimate(
+    reason = reason or _why_too_coarse(shift, noise_std_log)
+    return told.finished(
         value=value,
         std=value * std_log,
         interval_95=interval,
-        offsets=offsets,
+        offsets={
+            name: (float(std * beta), float(std * np.sqrt(variance)))
+            for name, std, beta, variance in zip(names, offset_std, beta, np.diag(spread)[1:], strict=True)
+        },
         result="converged" if bool(fit.converged) else "stopped at the largest number of iterations",
         reliable=not reason,
         reason=reason,
-        iterations=count - 1,
-        evaluations=int(fit.evaluations),
-        history={name: np.asarray(rows) for name, rows in history.items()},
+        history=told.history(),
         reduced_chi_square=chi_square,
         predicted=np.asarray(fit.predicted),
         residual=np.where(present, residual, np.nan),
-        covariance=covariance,
+        covariance=spread,
         singular_values=singular,
         model_shift=shift,
-        profile=fit_profile(case, window.row),
-        model=model,
-        window=window,
     )
-
-
-def _covariance(jacobian: np.ndarray, row_std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Singular values of J, and `J^+ diag(row_std^2) J^+T` (infinite where a direction is missing).
-
-    With each row weighted by its own noise that is `(J^T J)^-1`.
-    """
-    parameters = jacobian.shape[1]
-    if not np.all(np.isfinite(jacobian)):
-        return np.full(parameters, np.nan), np.full((parameters, parameters), np.inf)
-    U, singular, V = np.linalg.svd(jacobian, full_matrices=False)
-    if singular[-1] <= _NO_INFORMATION * max(singular[0], 1.0):
-        return singular, np.full((parameters, parameters), np.inf)
-    spread = (V.T / singular) @ U.T * row_std
-    return singular, spread @ spread.T
 
 
 def _why_unreliable(
@@ -365,6 +385,16 @@ def _why_unreliable(
     return ""
 
 
+def _why_too_coarse(shift: float, noise_std_log: float) -> str:
+    """Why a reduced model cannot be relied on here, or an empty string."""
+    if abs(shift) <= noise_std_log:
+        return ""
+    return (
+        f"the reduced model's own error moves the estimate by {shift:+.1%}, more than the noise does; take a "
+        'higher order, learning_diffusivities around the estimate, or model = "lom"'
+    )
+
+
 def seconds_of_estimate(case: Case, window: Window, model: StateSpace) -> float:
     """What one warm estimate costs: the median of three, compilation apart."""
     data, per_alpha = experiment(case, window), jnp.asarray(scales(case).fourier(1.0))
@@ -375,21 +405,6 @@ def seconds_of_estimate(case: Case, window: Window, model: StateSpace) -> float:
         jax.block_until_ready(fit_experiment(model, data, per_alpha, start, eta))
         taken.append(clock.perf_counter() - began)
     return float(np.median(taken[1:]))
-
-
-def paper_sigma(
-    noise_std: np.ndarray, gradient: np.ndarray, position_std: np.ndarray
-) -> Float[np.ndarray, "time sensor"]:
-    """The paper's combined uncertainty, `sqrt(sigma_m^2 + (dT/dx delta_x)^2)`, K.
-
-    A position error is the same all the time: this is for the paper's figure, and no weight.
-
-    Arguments:
-        noise_std: sigma_m per sensor, K.
-        gradient: dT/dx at the sensors, K/m, `(time, sensor)`.
-        position_std: delta_x per sensor, m.
-    """
-    return np.sqrt(noise_std**2 + (gradient * position_std) ** 2)
 
 
 def theta_kelvin(system: StateSpace, case: Case, window: Window, diffusivity: float) -> np.ndarray:

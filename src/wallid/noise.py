@@ -17,6 +17,7 @@ Source: P. Whittle, Ark. Mat. 2 (1953), 423; D. A. Harville, J. Am. Stat. Assoc.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -24,7 +25,9 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.fft import dct
 from scipy.linalg import solve_triangular, toeplitz
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
+from scipy.stats import norm as normal
+from scipy.stats import t as student
 
 _LEAST_SHARE = 0.3  # a frequency of which the directions taken out leave less says nothing about noise
 _RANK = 1e-4  # of the directions taken out, relative to the largest after whitening
@@ -75,6 +78,9 @@ class Noise:
         whiten: W, lower triangular, with `W' W` the inverse covariance of the binned readings.
         spread: standard deviation of ln(the power of slow noise), by which the screen allows for its estimate.
         floor: what noise alone would leave at the rows, root mean square, K.
+        freedom: how many readings the size was estimated from; infinite where it was not.
+        chance, ratio: how likely other shapes of the noise are, and a parameter's standard error with each over
+            that with this one.
         parts: whitenings of some of the readings, made once.
     """
 
@@ -85,12 +91,31 @@ class Noise:
     covariance: np.ndarray = field(repr=False)
     floor: float
     spread: float = 0.0
+    freedom: float = np.inf
+    chance: np.ndarray = field(default_factory=lambda: np.ones(1), repr=False)
+    ratio: np.ndarray = field(default_factory=lambda: np.ones(1), repr=False)
     parts: dict[bytes, np.ndarray] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def quantile(self) -> float:
+        """97.5 % quantile of a parameter's error in its standard errors, over all shapes that are likely.
+
+        `sum_i p_i T((q / ratio_i) with `freedom` degrees) = 0.975`: Student's, and the normal one where nothing
+        was estimated.
+        """
+        share = student(self.freedom) if np.isfinite(self.freedom) else normal
+        top = 1e3 * self.ratio.max()
+        return float(brentq(lambda q: self.chance @ share.cdf(q / self.ratio) - 0.975, 0.0, top))
+
+    @property
+    def widening(self) -> float:
+        """Of a parameter's variance, by how uncertain the noise's shape is."""
+        return float(self.chance @ self.ratio**2)
 
     def __str__(self) -> str:
         total = np.sqrt(self.white + self.lasting)
         memory = ""
-        if self.lasting > 0.05 * (self.white + self.lasting):
+        if self.lasting * self.correlation > 0.05 * (self.white + self.lasting):
             share = self.lasting / (self.white + self.lasting)
             memory = f", {100 * share:.0f} % of its variance with correlation {self.correlation:.2f} from row to row"
         return f"noise {total:.2f} times the stated{memory}"
@@ -104,15 +129,19 @@ class NoiseModel:
             its rows an error of a reading is a straight line.
         bins: the readings.
         sensor_std: of each sensor's readings, as stated, K. face_std: of the faces', K.
+        edges: whether the likelihood of noise that remembers counts that a record has two ends, which take some
+            of its slow power. The search for effects does not: its bars were set without.
     """
 
-    def __init__(self, response: np.ndarray, bins: Bins, sensor_std: np.ndarray, face_std: float):
+    def __init__(
+        self, response: np.ndarray, bins: Bins, sensor_std: np.ndarray, face_std: float, *, edges: bool = True
+    ):
         rows, sensors = response.shape[1:]
-        self.response, self.sensors = response, sensors
+        self.response, self.bins, self.sensors = response, bins, sensors
         self.present, self.counts = np.asarray(bins.present), np.asarray(bins.counts())
         self.rows_per_bin = bins.rows
         self.count = -(-rows // bins.rows)
-        self.sensor_std, self.face_std = sensor_std, face_std
+        self.sensor_std, self.face_std, self.edges = sensor_std, face_std, edges
         padded = np.pad(self.response, ((0, 0), (0, self.count * bins.rows - rows), (0, 0)))
         # of a bin's mean to a change of a face over a whole bin
         held = np.cumsum(padded, axis=1)
@@ -120,6 +149,7 @@ class NoiseModel:
         self.binned = np.diff(ends, axis=1, prepend=0.0)  # (face, bin, sensor)
         spectrum = np.fft.rfft(self.binned, 2 * self.count, axis=1)[:, : self.count]
         self.gain = (np.abs(spectrum) ** 2).sum(axis=0)  # (frequency, sensor)
+        self._spectra: dict[float, np.ndarray] = {}
 
     def autocovariance(self, rho: float) -> np.ndarray:
         """Of bins' means of a first-order autoregression with variance 1, by lag."""
@@ -131,10 +161,12 @@ class NoiseModel:
 
     def density(self, white: float, lasting: float, rho: float) -> np.ndarray:
         """Variance of each cosine coefficient, `(frequency, sensor)`."""
-        cov = self.autocovariance(rho)
-        omega = np.pi * np.arange(self.count) / self.count
-        ar = np.maximum(2 * dct_spectrum(cov, omega) - cov[0], 1e-12)
-        flat = white / self.rows_per_bin + lasting * ar
+        if rho not in self._spectra:
+            cov = self.autocovariance(rho)
+            omega = np.pi * np.arange(self.count) / self.count
+            ends = edge_spectrum(cov, omega) if self.edges else 0.0
+            self._spectra[rho] = np.maximum(2 * dct_spectrum(cov, omega) - cov[0] - ends, 1e-12)
+        flat = white / self.rows_per_bin + lasting * self._spectra[rho]
         return flat[:, None] * (self.sensor_std**2 + self.face_std**2 * self.gain)
 
     def noise(self, white: float, lasting: float, rho: float) -> Noise:
@@ -180,16 +212,33 @@ def dct_spectrum(cov: np.ndarray, omega: np.ndarray) -> np.ndarray:
     return np.fft.fft(extended).real[: len(omega)]
 
 
+def edge_spectrum(cov: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """What a record's two ends take from the variance of each cosine coefficient.
+
+    With `n` readings the coefficient at `a = pi k / n` has the variance
+    `c_0 + 2 sum_l c_l ((1 - l/n) cos(a l) - sin(a l) / (n sin a))`, without the last term at k = 0.
+    """
+    count = len(cov)
+    lag = np.arange(count)
+    spectrum = np.fft.fft(np.concatenate([cov * lag, np.zeros(count)]))[: len(omega)].real
+    sines = -np.fft.fft(np.concatenate([cov, np.zeros(count)]))[: len(omega)].imag
+    return 2.0 / count * (spectrum + np.divide(sines, np.sin(omega), out=np.zeros(len(omega)), where=omega > 0))
+
+
 def _lower_toeplitz(column: np.ndarray) -> np.ndarray:
     return toeplitz(column, np.zeros_like(column))
 
 
-def estimate_noise(model: NoiseModel, residual: np.ndarray, directions: np.ndarray) -> Noise:
+def estimate_noise(
+    model: NoiseModel, residual: np.ndarray, directions: np.ndarray, along: np.ndarray | None = None
+) -> Noise:
     """The noise that a residual shows beside these directions.
 
     Arguments:
         residual: of the binned readings, K, 0 where missing.
         directions: what an effect or a free parameter would add, `(direction, reading)`.
+        along: a parameter's direction with the others taken out, `(reading,)`, for the ratios of its standard
+            error; None for none.
     """
     likelihood = _Whittle(model, residual, directions)
     grid = [(lasting, rho) for lasting in _SHARES for rho in _CORRELATIONS]
@@ -208,10 +257,15 @@ def estimate_noise(model: NoiseModel, residual: np.ndarray, directions: np.ndarr
         sizes = (total * (1 - lasting), total * lasting, rho)
     # how well the record tells the power of slow noise, in which effects are looked for
     chance = np.exp(-0.5 * (costs - costs.min()))
+    chance /= chance.sum()
     slow = np.array([_slow(*point, likelihood.cost(*point)[1]) for point in grid])
-    mean = (chance @ slow) / chance.sum()
-    variance = (chance @ (slow - mean) ** 2) / chance.sum() + 2.0 / likelihood.weight.sum()
-    return replace(model.noise(*sizes), spread=float(np.sqrt(variance)))
+    spread = float(np.sqrt(chance @ (slow - chance @ slow) ** 2 + 2.0 / likelihood.weight.sum()))
+    noise = replace(model.noise(*sizes), spread=spread, freedom=float(likelihood.weight.sum()))
+    if along is None:
+        return noise
+    variance = np.array([likelihood.log_variance(along, *point) for point in grid])
+    found = likelihood.log_variance(along, lasting, rho)
+    return replace(noise, chance=chance, ratio=np.exp(0.5 * (variance - found)))
 
 
 def _slow(lasting: float, rho: float, log_total: float) -> float:
@@ -237,6 +291,11 @@ class _Whittle:
 
     def _density(self, white: float, lasting: float, rho: float) -> np.ndarray:
         return (self.model.density(white, lasting, rho) * self.share).T.reshape(-1)
+
+    def log_variance(self, along: np.ndarray, lasting: float, rho: float) -> float:
+        """The logarithm of the variance of a parameter's estimate under noise of this shape, at its best size."""
+        density = self._density(1.0 - lasting, lasting, rho)
+        return self.cost(lasting, rho)[1] - float(np.log(np.sum(self._transform(along) ** 2 / density)))
 
     def take_out(self, sizes: tuple[float, float, float]) -> None:
         """Take the directions out, by least squares under noise of these sizes."""

@@ -17,4 +17,5 @@ class NoiseModel(noise.NoiseModel):
 
     def __init__(self, study: Study, theta: np.ndarray):
         sensor_std = np.array([sensor.noise_std for sensor in study.case.sensors])
-        super().__init__(impulses(study.model, theta), study.bins, sensor_std, study.record.boundary_noise_std)
+        face_std = study.record.boundary_noise_std
+        super().__init__(impulses(study.model, theta), study.bins, sensor_std, face_std, edges=False)

@@ -1,0 +1,157 @@
+"""What is free beside the diffusivity in one window of a case: offsets, position errors, the initial profile.
+
+None of it is noise: each is a constant with a prior, which the case states (`offset_std`, `position_std`) or the
+record's span gives (the initial profile, whose polynomial goes through few readings).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+
+from .case import Case
+from .experiment import Experiment, Window, fit_profile, large_model, scales
+from .likelihood import Free
+from .lom import Output, lom
+from .noise import MOST_READINGS, Bins
+from .sensitivity import explicit
+from .statespace import StateSpace
+
+PROFILE_MODES = 8
+_LEAST_SPAN = 1.0  # K, of the temperatures that the initial profile may lie between
+_EDGE = 1e-3  # of the length: a sensor that moves stays that far inside
+
+
+@dataclass(frozen=True)
+class Names:
+    """Which parameters are free, in their order: offsets, positions, modes.
+
+    Arguments:
+        offsets, positions: the sensors that have one, by place.
+        modes: how many.
+    """
+
+    offsets: tuple[int, ...]
+    positions: tuple[int, ...]
+    modes: int
+
+    @property
+    def count(self) -> int:
+        """Of all of them."""
+        return len(self.offsets) + len(self.positions) + self.modes
+
+
+def names_of(case: Case, window: Window) -> Names:
+    """What a case leaves free: no mode where the initial profile was given."""
+    known = fit_profile(case, window.row).eps_2 is None
+    return Names(
+        offsets=tuple(s for s, sensor in enumerate(case.sensors) if sensor.offset_std > 0),
+        positions=tuple(s for s, sensor in enumerate(case.sensors) if sensor.position_std > 0),
+        modes=0 if known else min(PROFILE_MODES, case.choices.nodes - 2),
+    )
+
+
+def free_at(
+    case: Case,
+    window: Window,
+    data: Experiment,
+    names: Names,
+    start: float,
+    diffusivity: float,
+    found: np.ndarray,
+    large: StateSpace | None = None,
+) -> Free:
+    """What is free as it acts about a diffusivity and the parameters found so far.
+
+    Arguments:
+        start, diffusivity: m2/s; ln(diffusivity/start) is where the positions are linear.
+        found: parameters in prior standard deviations, about whose positions the model is made linear.
+        large: the case's large model, to spare building it.
+    """
+    rows, sensors = data.observed.shape
+    linear = len(names.offsets) + len(names.positions)
+    columns, at = np.zeros((linear, rows, sensors)), np.zeros(linear)
+    for k, s in enumerate(names.offsets):
+        columns[k, :, s] = case.sensors[s].offset_std
+    moved, moved_slope = np.zeros((2, rows, sensors))
+    if names.positions:
+        first = len(names.offsets)
+        at[first:] = found[first:linear]
+        gradient, moved, moved_slope, reached = _moved(case, data, names, diffusivity, at[first:])
+        at[first:] = reached
+        for k, s in enumerate(names.positions, start=first):
+            columns[k, :, s] = case.sensors[s].position_std * gradient[:, s]
+    large = large_model(case) if large is None else large
+    modes = names.modes
+    part = window_span(case, window)
+    return Free(
+        columns=columns,
+        at=at,
+        moved=moved,
+        moved_slope=moved_slope,
+        log_alpha=math.log(diffusivity / start),
+        rates=np.asarray(large.A)[::-1][:modes],
+        shapes=np.asarray(large.C)[:sensors, ::-1][:, :modes],
+        mode_std=part / np.arange(1, modes + 1),
+    )
+
+
+def window_span(case: Case, window: Window) -> float:
+    """From the coldest reading of a window to the warmest, K, at least `_LEAST_SPAN`."""
+    part = case.record.window(window.row, window.rows)
+    readings = np.concatenate([part.faces.ravel(), part.sensors.ravel()])
+    return max(_LEAST_SPAN, float(np.nanmax(readings) - np.nanmin(readings)))
+
+
+def _moved(
+    case: Case, data: Experiment, names: Names, diffusivity: float, at: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Gradient where the sensors are thought to be, K/m; what being there adds, K; its slope by ln(alpha); and `at`.
+
+    All by the large model, as a reduced one knows only the places that it learned.
+    """
+    length, stated = case.wall.length, np.array([sensor.position for sensor in case.sensors])
+    std = np.array([case.sensors[s].position_std for s in names.positions])
+    places = stated.copy()
+    places[list(names.positions)] += std * at
+    places = np.clip(places, _EDGE * length, (1 - _EDGE) * length)
+    outputs = [Output(x) for x in (*stated, *places)] + [Output(x, "gradient") for x in places]
+    degree = data.initial.shape[0] - 1
+    system = lom(case.wall, outputs, nodes=case.choices.nodes, profile_degree=degree).modal()
+    fourier = scales(case).fourier(diffusivity)
+    u, theta = explicit(system, jnp.asarray(fourier), data)
+    kelvin, sensors = float(data.temperature), len(stated)
+    u, theta = kelvin * np.asarray(u), kelvin * fourier * np.asarray(theta)
+    here, there, slope = slice(0, sensors), slice(sensors, 2 * sensors), slice(2 * sensors, None)
+    reached = (places - stated)[list(names.positions)] / std
+    return u[:, slope] / length, u[:, there] - u[:, here], theta[:, there] - theta[:, here], reached
+
+
+def bins_of(present: np.ndarray, observed: np.ndarray) -> tuple[Bins, int]:
+    """Readings in bins, as many as a dense covariance holds; and how many rows the readings are apart."""
+    rows = np.flatnonzero(present.any(axis=1))
+    apart = math.gcd(*np.diff(rows).tolist()) if len(rows) > 1 else 1
+    enough = math.ceil(present.size / apart / MOST_READINGS)
+    return Bins(jnp.asarray(observed), jnp.asarray(present, dtype=float), apart * max(1, enough)), apart
+
+
+def thinned(response: np.ndarray, bins: Bins, apart: int) -> tuple[np.ndarray, Bins]:
+    """A face's response and the readings' bins on the rows that have readings, where these are `apart` rows apart.
+
+    The faces' noise of all rows in between comes through: as much as that of their mean.
+    """
+    if apart == 1:
+        return response, bins
+    short = ((0, 0), (0, -response.shape[1] % apart), (0, 0))
+
+    def together(values: np.ndarray) -> np.ndarray:
+        padded = np.pad(values, short)
+        return padded.reshape(len(values), -1, apart, values.shape[-1]).sum(axis=2)
+
+    observed, present = together(np.stack([np.asarray(bins.observed), np.asarray(bins.present)]))
+    return together(response) / math.sqrt(apart), Bins(
+        jnp.asarray(observed), jnp.asarray(present), bins.rows // apart
+    )  # fmt: skip

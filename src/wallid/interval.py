@@ -1,0 +1,311 @@
+"""From the likelihood to an interval: the covariance found with the estimate, its profile, and a bootstrap of both.
+
+Rounds of Gauss-Newton: each takes the faces' response, the noise's sizes and the sensors' places from the round
+before. The standard error is that of generalised least squares, `(J' R^-1 J + priors)^-1`; where the noise's sizes
+were estimated, Student's quantile stands for the normal one. Where the cost is no parabola the interval is that of
+the profile likelihood, `-2 log L <= min + q^2`.
+
+Source: G. A. F. Seber, C. J. Wild, Nonlinear Regression (1989), 5.4 and 5.9; A. C. Davison, D. V. Hinkley, Bootstrap
+Methods and their Application (1997), 2.5.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .case import Case
+from .experiment import Experiment, Window, large_model, scales
+from .free import Names, bins_of, free_at, names_of, thinned
+from .likelihood import HIGHEST, LOWEST, Minimum, Problem, face_response, minimise, profile, resample
+from .noise import Bins, Noise, NoiseModel, estimate_noise
+from .simulate import Integrator
+from .statespace import StateSpace
+
+NORMAL_95 = 1.959963984540054  # 97.5 % quantile of the normal distribution
+_MOST_ROUNDS = 4
+_STILL = 0.1  # of a standard error: a round that moves the estimate by less was the last
+_FEWEST_READINGS = 30  # beyond the parameters: from fewer no noise is estimated
+_SCAN = 25  # diffusivities between the bounds, to see minima elsewhere
+_LOCAL = 8
+_PARABOLA = (0.85, 1.2)  # of the cost's rise at the interval's ends over that of a parabola
+_DEEPER = 1.0  # of -2 log L: a minimum elsewhere is taken if it is lower by more
+_LARGEST = 700.0  # exp(709) is the largest float
+
+
+class Interval(NamedTuple):
+    """A 95 % interval of ln(alpha/start).
+
+    Arguments:
+        kind: "normal", or "profile likelihood" where the cost is no parabola.
+        deeper: ln(alpha/start) of a point where the cost is lower than at the minimum found; or None.
+    """
+
+    low: float
+    high: float
+    kind: str
+    deeper: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """The minimum under the covariance that belongs to it.
+
+    Arguments:
+        reduced_chi_square: the cost under the noise as stated, over its degrees of freedom.
+        estimated: whether the noise's sizes are the record's; else as stated, and a misfit widens the interval.
+        rounds: how many it took.
+    """
+
+    problem: Problem
+    minimum: Minimum
+    shape: NoiseModel
+    noise: Noise
+    names: Names
+    reduced_chi_square: float
+    estimated: bool
+    rounds: int
+
+    @cached_property
+    def jacobian(self) -> np.ndarray:
+        """Whitened, the priors' rows below."""
+        J = self.noise.whiten @ np.asarray(self.minimum.jacobian)
+        return np.concatenate([J, np.eye(self.names.count, 1 + self.names.count, 1)])
+
+    @cached_property
+    def inverse(self) -> np.ndarray:
+        """What each whitened reading and each prior does to each parameter, `(param, row)`."""
+        size = np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300)
+        return np.linalg.pinv(self.jacobian / size, rcond=1e-13) / size[:, None]
+
+    @property
+    def along(self) -> np.ndarray:
+        """The binned readings' derivative by ln(alpha), K, with all that is free at its best."""
+        J = self.jacobian
+        rest = np.linalg.lstsq(J[:, 1:], J[:, 0], rcond=None)[0]
+        raw = np.asarray(self.minimum.jacobian)
+        return raw[:, 0] - raw[:, 1:] @ rest
+
+    @property
+    def widening(self) -> float:
+        """Of the covariance: by how uncertain the noise's shape is, or by a misfit beyond the stated noise."""
+        return self.noise.widening if self.estimated else max(1.0, self.reduced_chi_square)
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Of ln(alpha) and all that is free, in prior standard deviations."""
+        return self.inverse @ self.inverse.T * self.widening
+
+    @property
+    def log_alpha(self) -> float:
+        """ln(alpha/start)."""
+        return float(self.minimum.parameters[0])
+
+    @property
+    def diffusivity(self) -> float:
+        """m2/s."""
+        return float(self.problem.start * jnp.exp(self.log_alpha))
+
+    @property
+    def log_std(self) -> float:
+        """Of ln(alpha)."""
+        variance = float(self.covariance[0, 0])
+        return math.sqrt(variance) if 0.0 < variance < math.inf else math.inf
+
+    @property
+    def quantile(self) -> float:
+        """97.5 %, in units of `log_std`: beyond the normal one by what the record leaves open of the noise."""
+        return self.noise.quantile / math.sqrt(self.noise.widening)
+
+    @cached_property
+    def interval(self) -> Interval:
+        """95 %, of ln(alpha/start)."""
+        return _interval_95(self)
+
+    def model_shift(self, apart: np.ndarray) -> float:
+        """How far an error of the predictions, K at the rows, moves ln(alpha)."""
+        binned = np.asarray(self.problem.bins.mean(jnp.asarray(apart)))
+        return float(self.inverse[0, : len(binned)] @ (self.noise.whiten @ binned))
+
+    def shares(self) -> dict[str, float]:
+        """What each kind of error makes of ln(alpha)'s variance, 1.
+
+        The noise with all else known, then what it adds that offsets, positions and the initial profile are not.
+        """
+        names, J = self.names, self.jacobian
+        readings = len(self.noise.whiten)
+        own = J[:readings, 0] / np.sum(J[:readings, 0] ** 2) @ self.noise.whiten
+        known = float(own @ self.noise.covariance @ own)
+        faces = float(own @ self.faces_covariance @ own)
+        variance = {"sensors' noise": known - faces, "faces' noise": faces}
+        groups = {"offsets": len(names.offsets), "positions": len(names.positions), "initial profile": names.modes}
+        used = 1
+        for name, count in groups.items():
+            used += count
+            if count:
+                R = np.linalg.qr(J[:, :used][:, ::-1], mode="r")  # ln(alpha) last: its row is what the rest leave
+                variance[name] = float(1.0 / R[-1, -1] ** 2) - sum(variance.values())
+        total = sum(variance.values())
+        return {name: part / total for name, part in variance.items()}
+
+    @cached_property
+    def faces_covariance(self) -> np.ndarray:
+        """The part of the covariance that comes through the faces."""
+        only = NoiseModel(np.zeros_like(self.shape.response), self.shape.bins, self.shape.sensor_std, 0.0)
+        sensors = only.noise(self.noise.white, self.noise.lasting, self.noise.correlation).covariance
+        there = self.shape.counts.T.reshape(-1) > 0
+        return (self.noise.covariance - sensors) * np.outer(there, there)
+
+
+def settle(
+    case: Case,
+    window: Window,
+    data: Experiment,
+    system: StateSpace,
+    first: float,
+    *,
+    eta: float,
+    explicit_theta: bool = True,
+    integrator: Integrator = "propagator",
+) -> Settled:
+    """The estimate under the full covariance, from a first diffusivity (m2/s)."""
+    names, scale = names_of(case, window), scales(case)
+    bins, thin = bins_of(np.asarray(data.weight) > 0, np.asarray(data.observed))
+    readings = int((np.asarray(bins.counts()) > 0).sum())
+    estimated = case.choices.noise == "estimated" and readings - 1 - names.count >= _FEWEST_READINGS
+    per_alpha, start = jnp.asarray(scale.fourier(1.0)), jnp.asarray(case.wall.diffusivity_prior)
+    large = large_model(case)
+    value, found, settled = first, np.zeros(names.count), None
+    for rounds in range(1, _MOST_ROUNDS + 1):
+        free = free_at(case, window, data, names, float(start), value, found, large)
+        shape = noise_model(case, data, system, scale.fourier(value), bins, thin)
+        if settled is None or not estimated:
+            noise = shape.noise(1.0, 0.0, 0.8)
+        else:
+            at = settled.minimum
+            directions = np.asarray(at.jacobian).T
+            moving = np.linalg.norm(directions, axis=1) > 0
+            noise = estimate_noise(shape, np.asarray(at.left), directions[moving], settled.along)
+        problem = Problem(
+            system=system,
+            data=data,
+            free=free,
+            bins=bins,
+            observed=bins.mean(bins.observed),
+            whiten=jnp.asarray(noise.whiten),
+            fourier_per_alpha=per_alpha,
+            start=start,
+            explicit_theta=explicit_theta,
+            integrator=integrator,
+        )
+        begin = jnp.asarray(np.concatenate([[math.log(value / float(start))], found]))
+        at = minimise(problem, begin, jnp.asarray(eta), case.choices.max_iterations)
+        if rounds == 1:
+            chi_square = float(at.cost) / max(readings - 1, 1)
+        settled = Settled(problem, at, shape, noise, names, chi_square, estimated, rounds)
+        moved = abs(math.log(settled.diffusivity / value)) if math.isfinite(settled.diffusivity) else math.inf
+        if not math.isfinite(moved) or (rounds > 1 and moved < _STILL * settled.log_std):
+            break
+        value, found = settled.diffusivity, np.asarray(at.parameters)[1:]
+    return settled
+
+
+def noise_model(case: Case, data: Experiment, system: StateSpace, fourier: float, bins: Bins, apart: int) -> NoiseModel:
+    """The covariance's shape at a Fourier number, with the faces' noise through this model."""
+    response = face_response(system, jnp.asarray(fourier), data.step, data.observed.shape[0])
+    response, bins = thinned(np.asarray(response), bins, apart)
+    sensor_std = np.array([sensor.noise_std for sensor in case.sensors])
+    return NoiseModel(response, bins, sensor_std, case.record.boundary_noise_std)
+
+
+def _interval_95(settled: Settled) -> Interval:
+    """The interval of the settled estimate, by its curvature where that serves, else by its profile."""
+    start, at = float(settled.problem.start), settled.log_alpha
+    low, high = math.log(LOWEST / start), math.log(HIGHEST / start)
+    half = min(settled.quantile * settled.log_std, _LARGEST)
+    rise = settled.quantile**2 * settled.widening
+    near = np.clip(at + half * np.linspace(-2.0, 2.0, _LOCAL + 1)[np.arange(_LOCAL + 1) != _LOCAL // 2], low, high)
+    points = np.concatenate([near, np.linspace(low, high, _SCAN)])
+    change = _profile(settled, points)
+    ends = change[[_LOCAL // 4, _LOCAL // 4 + _LOCAL // 2 - 1]]
+    deepest = int(np.nanargmin(change)) if np.isfinite(change).any() else 0
+    deeper = float(points[deepest]) if change[deepest] < -_DEEPER else None
+    outside = np.abs(points - at) > half
+    parabolic = np.all((ends > _PARABOLA[0] * rise) & (ends < _PARABOLA[1] * rise))
+    if half < high - low and parabolic and not np.any(change[outside] < _PARABOLA[0] * rise):
+        return Interval(at - half, at + half, "normal", deeper)
+    points, change = np.append(points, at), np.append(change, 0.0)
+    return Interval(
+        _crossing(settled, points, change, rise, -1), _crossing(settled, points, change, rise, 1),
+        "profile likelihood", deeper,
+    )  # fmt: skip
+
+
+def _profile(settled: Settled, points: np.ndarray) -> np.ndarray:
+    """The rise of -2 log L over its minimum with all else at its best; infinite where the model has no value."""
+    change = np.asarray(profile(settled.problem, jnp.asarray(points))) - float(settled.minimum.cost)
+    return np.where(np.isfinite(change), change, np.inf)
+
+
+def _crossing(settled: Settled, points: np.ndarray, change: np.ndarray, rise: float, side: int) -> float:
+    """The outermost point on one side where the profile passes `rise`; the bound where it does not."""
+    order = np.argsort(points * side)
+    points, change = points[order], change[order]
+    inside = int(np.flatnonzero(change <= rise)[-1])
+    if inside == len(points) - 1:
+        return float(points[inside])
+    fine = np.linspace(points[inside], points[inside + 1], _LOCAL + _SCAN)
+    fine_change = _profile(settled, fine)
+    last = min(int(np.flatnonzero(fine_change <= rise)[-1]) if (fine_change <= rise).any() else 0, len(fine) - 2)
+    a, b = (math.sqrt(max(c, 0.0)) for c in fine_change[last : last + 2])
+    share = (math.sqrt(rise) - a) / (b - a) if math.isfinite(b) and b > a else 0.0
+    return float(fine[last] + min(max(share, 0.0), 1.0) * (fine[last + 1] - fine[last]))
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """The estimate made again from readings that the fitted model draws: a check of standard error and interval.
+
+    Arguments:
+        draws, seed: how many, and of what random numbers.
+        std: m2/s, of the estimates; that of ln(alpha) times alpha.
+        interval_95: m2/s, `alpha^2` over the draws' 97.5 % and 2.5 % quantiles (the basic interval of ln(alpha)).
+        bias: the mean of ln(alpha) less its truth, in standard errors of the fit.
+        values: of the draws, m2/s.
+    """
+
+    draws: int
+    seed: int
+    std: float
+    interval_95: tuple[float, float]
+    bias: float
+    values: np.ndarray = field(repr=False)
+
+    def __str__(self) -> str:
+        low, high = self.interval_95
+        return f"bootstrap    of {self.draws} draws: +- {self.std:.1g}   (95 %: {low:.4g} to {high:.4g})"
+
+
+def bootstrap(settled: Settled, draws: int, seed: int) -> Bootstrap:
+    """A parametric bootstrap: noise of the covariance found, offsets and positions from their priors."""
+    root = np.linalg.cholesky(settled.noise.covariance) * math.sqrt(settled.widening)
+    found = resample(
+        settled.problem, settled.minimum.parameters, jnp.asarray(root), draws, jax.random.key(seed)
+    )  # fmt: skip
+    away = np.asarray(found) - settled.log_alpha
+    low, high = np.quantile(away, [0.025, 0.975])
+    value = settled.diffusivity
+    return Bootstrap(
+        draws=draws,
+        seed=seed,
+        std=value * float(np.std(away, ddof=1)),
+        interval_95=(value * math.exp(-high), value * math.exp(-low)),
+        bias=float(np.mean(away)) / settled.log_std,
+        values=value * np.exp(away),
+    )

@@ -1,0 +1,202 @@
+"""The readings' likelihood under the full covariance: what is minimised, its minimum, its profile, its bootstrap.
+
+    -2 log L(y) = |W (m - M(y))|^2 + |z|^2,      y = (ln(alpha/alpha_0), z),      W' W = R^-1
+
+`m` are the readings, put together in bins where they are many, `M` the model's, `R` their covariance (`noise`) and `z`
+all that is free beside the diffusivity, each in units of its prior's standard deviation: offsets, position errors,
+and the amplitudes by which the initial profile differs from its polynomial, along the wall's slowest modes.
+"""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from .experiment import Experiment
+from .gauss_newton import GaussNewton, Trace
+from .noise import Bins
+from .sensitivity import field_with_theta, run
+from .simulate import Integrator, run_rows
+from .statespace import StateSpace
+
+LOWEST, HIGHEST = 1e-10, 1e-2
+"""Bounds of the search, m2/s: past any solid. An estimate at one is none."""
+
+_BOOTSTRAP_STEPS = 12  # of Gauss-Newton, from the estimate that drew the readings
+_BOOTSTRAP_ETA = 1e-6  # relative, of a draw's diffusivity: far under any standard error
+
+
+class Free(eqx.Module):
+    """What is free beside the diffusivity, as it acts about one diffusivity `alpha_k`.
+
+    Arguments:
+        columns: what one prior standard deviation of each offset and position error adds, K.
+        at: the columns' parameters about which positions are linear, prior standard deviations.
+        moved: what the positions at `at` add, K, and `moved_slope`, its derivative by ln(alpha).
+        log_alpha: ln(alpha_k / start).
+        rates, shapes: of the wall's slowest modes: `x_k' = Fo f_k x_k`, and what 1 K of each is at the sensors.
+        mode_std: the amplitudes' priors, K.
+    """
+
+    columns: Float[Array, "param time sensor"] = eqx.field(converter=jnp.asarray)
+    at: Float[Array, " param"] = eqx.field(converter=jnp.asarray)
+    moved: Float[Array, "time sensor"] = eqx.field(converter=jnp.asarray)
+    moved_slope: Float[Array, "time sensor"] = eqx.field(converter=jnp.asarray)
+    log_alpha: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+    rates: Float[Array, " mode"] = eqx.field(converter=jnp.asarray)
+    shapes: Float[Array, "sensor mode"] = eqx.field(converter=jnp.asarray)
+    mode_std: Float[Array, " mode"] = eqx.field(converter=jnp.asarray)
+
+    @property
+    def count(self) -> int:
+        """How many parameters these are."""
+        return self.columns.shape[0] + self.rates.shape[0]
+
+
+class Problem(eqx.Module):
+    """What is minimised over `y = (ln(alpha/start), z)`.
+
+    Arguments:
+        observed: the readings in their bins, degC, 0 in an empty one.
+        whiten: W.
+    """
+
+    system: StateSpace
+    data: Experiment
+    free: Free
+    bins: Bins
+    observed: Float[Array, " reading"]
+    whiten: Float[Array, "reading reading"]
+    fourier_per_alpha: Float[Array, ""]
+    start: Float[Array, ""]
+    explicit_theta: bool = eqx.field(static=True, default=True)
+    integrator: Integrator = eqx.field(static=True, default="propagator")
+
+    def fourier(self, y: Float[Array, " param"]) -> Array:
+        """Fo."""
+        return self.fourier_per_alpha * self.start * jnp.exp(y[0])
+
+    def predicted(self, y: Float[Array, " param"]) -> Float[Array, "time sensor"]:
+        """The readings at the rows, degC."""
+        fourier, free, data = self.fourier(y), self.free, self.data
+        if self.explicit_theta:
+            u = field_with_theta(fourier, data.initial, self.system, data, self.integrator)
+        else:
+            u = run(self.system, fourier, data, integrator=self.integrator)[0]
+        linear, amplitudes = y[1 : 1 + len(free.columns)], y[1 + len(free.columns) :]
+        decay = jnp.exp(fourier * jnp.outer(data.time, free.rates)) * (free.mode_std * amplitudes)
+        moved = free.moved + free.moved_slope * (y[0] - free.log_alpha)
+        return data.celsius(u) + moved + jnp.tensordot(linear - free.at, free.columns, 1) + decay @ free.shapes.T
+
+    def binned(self, y: Float[Array, " param"]) -> Float[Array, " reading"]:
+        """The readings in their bins, degC, 0 in an empty one."""
+        return self.bins.mean(self.predicted(y))
+
+    def residual(self, y: Float[Array, " param"]) -> Float[Array, " row"]:
+        """The whitened misfit, then the priors' rows."""
+        return jnp.concatenate([self.whiten @ (self.binned(y) - self.observed), y[1:]])
+
+
+class Minimum(eqx.Module):
+    """The minimum, and the problem there.
+
+    Arguments:
+        jacobian: of the binned readings, K, before whitening and without the priors' rows.
+        cost: -2 log L.
+    """
+
+    parameters: Float[Array, " param"]
+    trace: Trace
+    predicted: Float[Array, "time sensor"]
+    left: Float[Array, " reading"]
+    jacobian: Float[Array, "reading param"]
+    cost: Float[Array, ""]
+    converged: Array
+
+
+@eqx.filter_jit
+def minimise(problem: Problem, first: Float[Array, " param"], eta: Float[Array, ""], max_iterations: int) -> Minimum:
+    """Gauss-Newton from `first`; one compilation for all windows of a shape."""
+    y, trace, converged = _search(problem, first, eta, max_iterations)
+    jacobian = jax.jacfwd(problem.binned)(y)
+    return Minimum(
+        parameters=y,
+        trace=trace,
+        predicted=problem.predicted(y),
+        left=problem.observed - problem.binned(y),
+        jacobian=jacobian,
+        cost=jnp.sum(problem.residual(y) ** 2),
+        converged=converged,
+    )
+
+
+def _search(problem: Problem, first: Array, eta: Array, max_iterations: int) -> tuple[Array, Trace, Array]:
+    solver = GaussNewton(
+        # near the minimum gamma_1 goes with the square of gamma_2; under 1e-14 a sum of squares is round-off
+        eta_1=jnp.maximum(eta**2, 1e-14),
+        eta_2=eta,
+        lower=jnp.log(LOWEST / problem.start),
+        upper=jnp.log(HIGHEST / problem.start),
+        longest_trace=max_iterations,
+    )
+    solution = optx.least_squares(
+        lambda y, problem: problem.residual(y), solver, first, args=problem, max_steps=max_iterations + 1, throw=False
+    )
+    return solution.value, solution.stats["trace"], solution.result == optx.RESULTS.successful
+
+
+@eqx.filter_jit
+def profile(problem: Problem, log_alpha: Float[Array, " point"]) -> Float[Array, " point"]:
+    """`-2 log L` at each ln(alpha/start), all else at its best: at a fixed diffusivity the rest is linear."""
+
+    def cost(log: Array) -> Array:
+        still = jnp.zeros(1 + problem.free.count).at[0].set(log)
+        rest = jax.jacfwd(lambda z: problem.residual(still.at[1:].set(z)))(still[1:])
+        residual = problem.residual(still)
+        return jnp.sum((residual - rest @ jnp.linalg.lstsq(rest, residual)[0]) ** 2)
+
+    return jax.lax.map(cost, log_alpha)
+
+
+@eqx.filter_jit
+def resample(
+    problem: Problem,
+    parameters: Float[Array, " param"],
+    covariance_root: Float[Array, "reading reading"],
+    draws: int,
+    key: Array,
+) -> Float[Array, " draw"]:
+    """ln(alpha/start) estimated again from readings that the fitted model makes.
+
+    Each draw has noise of the covariance, and offsets and positions from their priors; the initial profile is that
+    of the fit.
+    """
+
+    def one(key: Array) -> Array:
+        noise, errors = jax.random.split(key)
+        columns = len(problem.free.columns)
+        truth = parameters.at[1 : 1 + columns].set(jax.random.normal(errors, (columns,)))
+        size = problem.observed.shape
+        observed = problem.binned(truth) + covariance_root @ jax.random.normal(noise, size)
+        drawn = eqx.tree_at(lambda p: p.observed, problem, jnp.where(_present(problem), observed, 0.0))
+        return _search(drawn, parameters, jnp.asarray(_BOOTSTRAP_ETA), _BOOTSTRAP_STEPS)[0][0]
+
+    return jax.lax.map(one, jax.random.split(key, draws))
+
+
+def _present(problem: Problem) -> Array:
+    return problem.bins.counts().T.reshape(-1) > 0
+
+
+@eqx.filter_jit
+def face_response(
+    system: StateSpace, fourier: Float[Array, ""], step: Float[Array, ""], rows: int
+) -> Float[Array, "face time output"]:
+    """The outputs' answer to 1 more at one row of one face, which between rows is a straight line."""
+    # at the second row, so that the line up to it is there; what comes before is cut
+    pulse = jnp.zeros((2, rows + 1, system.B.shape[1])).at[jnp.arange(2), 1, jnp.arange(2)].set(1.0)
+    still = jnp.zeros(system.P.shape[1])
+    return jax.vmap(lambda inputs: run_rows(system, fourier, step, inputs, still)[0])(pulse)[:, 1:]
