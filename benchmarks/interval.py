@@ -175,7 +175,10 @@ def summary(rows: list[Row]) -> dict[str, float]:
 
 def table(records: int, kinds: list[str], processes: int, **choices) -> Iterator[str]:
     """The table's lines, as they are ready."""
-    yield "| errors | records | 95 % intervals that hold the truth | mean width over the best possible | scatter over the best | mean error in standard errors | uninformative | seconds |"
+    yield (
+        "| errors | records | 95 % intervals that hold the truth | mean width over the best possible | "
+        "scatter over the best | mean error in standard errors | uninformative | seconds |"
+    )
     yield "|---|---|---|---|---|---|---|---|"
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         for kind in kinds:

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._fields import one_of
+from .bootstrap import Bootstrap, bootstrap
 from .case import Case
 from .experiment import (
     Experiment,
@@ -29,7 +30,7 @@ from .experiment import (
     large_model,
     scales,
 )
-from .interval import NORMAL_95, Bootstrap, Settled, bootstrap, settle
+from .interval import NORMAL_95, Settled, settle
 from .learning import learn
 from .least_squares import Fit, apart, covariance, fit_experiment, paper_sigma, simple_sigma
 from .likelihood import HIGHEST, LOWEST
@@ -41,6 +42,8 @@ from .wall import InputError
 
 __all__ = ["Estimate", "estimate", "fit_experiment", "paper_sigma", "seconds_of_estimate", "theta_kelvin"]
 
+_FAR = 3.0  # from the prior: the prior is tried as a start as well
+_MOST_MINIMA = 4
 _FEWEST_DRAWS = 20  # of a bootstrap that is to give a 95 % interval
 
 
@@ -187,8 +190,8 @@ def estimate(
     told = _Told(case, window, data, system, fit, reduced, words)
     if weights == "none":
         return _simple(told)
-    settled = _settled(told, eta, sensitivity == "explicit", integrator)
-    return _conclude(told, settled, draws)
+    settled, others = _settled(told, eta, sensitivity == "explicit", integrator)
+    return _conclude(told, settled, others, draws)
 
 
 def check_draws(draws: int, weights: str = "noise") -> None:
@@ -254,32 +257,45 @@ def _rows(trace, diffusivity) -> dict[str, np.ndarray]:
     return {name: np.asarray(column)[:count] for name, column in columns.items()}
 
 
-def _settled(told: _Told, eta: float, explicit_theta: bool, integrator: Integrator) -> Settled:
-    """The minimum under the full covariance; the deeper one where there are two."""
+def _settled(told: _Told, eta: float, explicit_theta: bool, integrator: Integrator) -> tuple[Settled, list[Settled]]:
+    """The best minimum under the full covariance, and others that the record does not exclude.
+
+    Looked for from the paper's estimate, from the prior where that is far away, and from wherever the cost of one of
+    these is lower.
+    """
+    prior = told.case.wall.diffusivity_prior
     first = float(told.fit.trace.parameters[int(told.fit.trace.count) - 1, 0])
-    if not LOWEST * 1.001 < first < HIGHEST / 1.001:
-        first = told.case.wall.diffusivity_prior
-    options = {"eta": eta, "explicit_theta": explicit_theta, "integrator": integrator}
-    settled = settle(told.case, told.window, told.data, told.system, first, **options)
-    deeper = settled.interval.deeper
-    if deeper is None:
-        return settled
-    other = settle(
-        told.case, told.window, told.data, told.system, float(settled.problem.start) * np.exp(deeper), **options
-    )
-    return other if other.interval.deeper is None else settled
+    starts = [first] if LOWEST * 1.001 < first < HIGHEST / 1.001 else []
+    if not starts or abs(np.log(first / prior)) > np.log(_FAR):
+        starts.append(prior)
+    found: list[Settled] = []
+    while starts and len(found) < _MOST_MINIMA:
+        one = settle(
+            told.case, told.window, told.data, told.system, starts.pop(0),
+            eta=eta, explicit_theta=explicit_theta, integrator=integrator,
+        )  # fmt: skip
+        found.append(one)
+        if one.interval.deeper is not None:
+            starts.append(prior * float(np.exp(one.interval.deeper)))
+    found = sorted((one for one in found if np.isfinite(one.evidence)), key=lambda one: one.evidence) or found
+    best = found[0]
+    return best, [one for one in found[1:] if one.evidence - best.evidence < best.quantile**2]
 
 
-def _conclude(told: _Told, settled: Settled, draws: int) -> Estimate:
+def _conclude(told: _Told, settled: Settled, others: list[Settled], draws: int) -> Estimate:
     """Interval and verdict from the minimum under the full covariance."""
     case, names, best = told.case, settled.names, settled.minimum
     value, std_log = settled.diffusivity, settled.log_std
     apart = told.apart(value)
     shift = 0.0 if apart is None else settled.model_shift(apart)
     found = settled.interval
+    low, high = (
+        pick(getattr(one.interval, end) for one in (settled, *others)) for pick, end in ((min, "low"), (max, "high"))
+    )
+    kind = found.kind if (low, high) == (found.low, found.high) else "profile likelihood"
     ends = [
         float(np.exp(np.clip(np.sign(end) * np.hypot(end, settled.quantile * shift), -700.0, 700.0))) * value
-        for end in (found.low - settled.log_alpha, found.high - settled.log_alpha)
+        for end in (low - settled.log_alpha, high - settled.log_alpha)
     ]
     free, widths = np.asarray(best.parameters)[1:], np.sqrt(np.diag(settled.covariance))[1:]
     offsets, positions = {}, {}
@@ -288,7 +304,8 @@ def _conclude(told: _Told, settled: Settled, draws: int) -> Estimate:
         std = sensor.offset_std if is_offset else sensor.position_std
         (offsets if is_offset else positions)[sensor.name] = (float(std * free[k]), float(std * widths[k]))
     singular = np.linalg.svd(settled.jacobian, compute_uv=False) if _finite(settled) else np.array([np.nan])
-    reason = _why_unreliable(case, value, (ends[0], ends[1]), singular, bool(best.converged))
+    bounds = float(settled.problem.lowest), float(settled.problem.highest)
+    reason = _why_unreliable(case, value, (ends[0], ends[1]), singular, bool(best.converged), bounds)
     reason = reason or _why_too_coarse(shift, std_log)
     covariance = settled.covariance.copy()
     covariance[0, 0] += shift**2
@@ -296,7 +313,7 @@ def _conclude(told: _Told, settled: Settled, draws: int) -> Estimate:
         value=value,
         std=value * float(np.hypot(std_log, shift)),
         interval_95=(ends[0], ends[1]),
-        interval_kind=found.kind,
+        interval_kind=kind,
         offsets=offsets,
         positions=positions,
         result="converged" if bool(best.converged) else "stopped at the largest number of iterations",
@@ -367,13 +384,23 @@ def _simple(told: _Told) -> Estimate:
 
 
 def _why_unreliable(
-    case: Case, value: float, interval: tuple[float, float], singular: np.ndarray, converged: bool
+    case: Case,
+    value: float,
+    interval: tuple[float, float],
+    singular: np.ndarray,
+    converged: bool,
+    bounds: tuple[float, float] = (LOWEST, HIGHEST),
 ) -> str:
     """Why the estimate is no number to rely on, or an empty string."""
     if not np.isfinite(value) or not np.all(np.isfinite(singular)):
         return "the model gave values that are not finite"
-    if value <= LOWEST * 1.001 or value >= HIGHEST / 1.001:
+    if not bounds[0] * 1.001 < value < bounds[1] / 1.001:
         return f"the estimate ran to the bound of its search, {value:.3g} m2/s: the record does not hold it"
+    if interval[0] <= bounds[0] * 1.001 or interval[1] >= bounds[1] / 1.001:
+        return (
+            f"its 95 % interval, {interval[0]:.3g} to {interval[1]:.3g} m2/s, reaches the bound of what this window can "
+            "tell: the temperatures vary too little for their noise"
+        )
     factor = interval[1] / interval[0]
     if factor > case.choices.largest_interval_factor:
         return (

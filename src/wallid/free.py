@@ -2,6 +2,10 @@
 
 None of it is noise: each is a constant with a prior, which the case states (`offset_std`, `position_std`) or the
 record's span gives (the initial profile, whose polynomial goes through few readings).
+
+Sensors on one logger share some of its noise. Where the faces hardly vary, the share that the inner sensors have in
+common with them looks like heat that comes through at once, an endless diffusivity. What of a face's readings may be
+noise (a Wiener filter by the noise as stated) is therefore let into the inner readings, with a free share.
 """
 
 from __future__ import annotations
@@ -11,10 +15,13 @@ from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
+from scipy.fft import dct, idct
+from scipy.ndimage import uniform_filter1d
+from scipy.special import erfcinv
 
 from .case import Case
 from .experiment import Experiment, Window, fit_profile, large_model, scales
-from .likelihood import Free
+from .likelihood import HIGHEST, LOWEST, Free
 from .lom import Output, lom
 from .noise import MOST_READINGS, Bins
 from .sensitivity import explicit
@@ -22,26 +29,35 @@ from .statespace import StateSpace
 
 PROFILE_MODES = 8
 _LEAST_SPAN = 1.0  # K, of the temperatures that the initial profile may lie between
+_SMOOTHED = 9  # frequencies
+_TOLD = 0.01
 _EDGE = 1e-3  # of the length: a sensor that moves stays that far inside
 
 
 @dataclass(frozen=True)
 class Names:
-    """Which parameters are free, in their order: offsets, positions, modes.
+    """Which parameters are free, in their order: offsets, positions, common noise, modes.
 
     Arguments:
         offsets, positions: the sensors that have one, by place.
+        common: the faces, whose noise the inner sensors may share.
         modes: how many.
     """
 
     offsets: tuple[int, ...]
     positions: tuple[int, ...]
+    common: tuple[int, ...]
     modes: int
 
     @property
     def count(self) -> int:
         """Of all of them."""
-        return len(self.offsets) + len(self.positions) + self.modes
+        return self.errors + len(self.common) + self.modes
+
+    @property
+    def errors(self) -> int:
+        """Of offsets and positions."""
+        return len(self.offsets) + len(self.positions)
 
 
 def names_of(case: Case, window: Window) -> Names:
@@ -50,6 +66,7 @@ def names_of(case: Case, window: Window) -> Names:
     return Names(
         offsets=tuple(s for s, sensor in enumerate(case.sensors) if sensor.offset_std > 0),
         positions=tuple(s for s, sensor in enumerate(case.sensors) if sensor.position_std > 0),
+        common=(0, 1) if case.record.boundary_noise_std > 0 else (),
         modes=0 if known else min(PROFILE_MODES, case.choices.nodes - 2),
     )
 
@@ -72,18 +89,21 @@ def free_at(
         large: the case's large model, to spare building it.
     """
     rows, sensors = data.observed.shape
-    linear = len(names.offsets) + len(names.positions)
+    linear = names.errors + len(names.common)
     columns, at = np.zeros((linear, rows, sensors)), np.zeros(linear)
     for k, s in enumerate(names.offsets):
         columns[k, :, s] = case.sensors[s].offset_std
     moved, moved_slope = np.zeros((2, rows, sensors))
     if names.positions:
         first = len(names.offsets)
-        at[first:] = found[first:linear]
-        gradient, moved, moved_slope, reached = _moved(case, data, names, diffusivity, at[first:])
-        at[first:] = reached
+        about = found[first : names.errors]
+        gradient, moved, moved_slope, reached = _moved(case, data, names, diffusivity, about)
+        at[first : names.errors] = reached
         for k, s in enumerate(names.positions, start=first):
             columns[k, :, s] = case.sensors[s].position_std * gradient[:, s]
+    faces = np.asarray(case.record.window(window.row, window.rows).faces)
+    for k, side in enumerate(names.common, start=names.errors):
+        columns[k] = noise_within(faces[:, side], case.record.boundary_noise_std)[:, None]
     large = large_model(case) if large is None else large
     modes = names.modes
     part = window_span(case, window)
@@ -97,6 +117,33 @@ def free_at(
         shapes=np.asarray(large.C)[:sensors, ::-1][:, :modes],
         mode_std=part / np.arange(1, modes + 1),
     )
+
+
+def told_range(case: Case, window: Window) -> tuple[float, float]:
+    """Between which diffusivities a window can tell one from another, m2/s.
+
+    Below the lowest, less than a hundredth of what a face does in the whole window comes as far as the nearest
+    sensor, `erfc(d / (2 sqrt(alpha t))) = 0.01`: what it reads is the initial profile. Above the highest, the wall's
+    delay behind its faces, `L^2 / (8 alpha)`, is less than a hundredth of a row: it reads what they read.
+
+    Source: Carslaw and Jaeger, Conduction of Heat in Solids (1959), 2.4 and 3.5.
+    """
+    length, seconds = case.wall.length, case.record.step * window.rows
+    near = min(min(sensor.position, length - sensor.position) for sensor in case.sensors)
+    lowest = near**2 / (4.0 * float(erfcinv(_TOLD)) ** 2 * seconds)
+    highest = length**2 / (8.0 * _TOLD * case.record.step)
+    return max(LOWEST, lowest), min(HIGHEST, highest)
+
+
+def noise_within(readings: np.ndarray, std: float) -> np.ndarray:
+    """What of a face's readings may be white noise of this size, K: `min(1, std^2 / P)` of each frequency.
+
+    `P` is the readings' own power, smoothed over neighbouring frequencies.
+    """
+    spectrum = np.asarray(dct(readings - readings.mean(), type=2, norm="ortho"))
+    power = uniform_filter1d(spectrum**2, min(_SMOOTHED, len(readings)), mode="nearest")
+    share = std**2 / np.maximum(power, std**2)
+    return np.asarray(idct(share * spectrum, type=2, norm="ortho"))
 
 
 def window_span(case: Case, window: Window) -> float:

@@ -1,29 +1,27 @@
-"""From the likelihood to an interval: the covariance found with the estimate, its profile, and a bootstrap of both.
+"""From the likelihood to an interval: the covariance found with the estimate, and the likelihood's profile.
 
 Rounds of Gauss-Newton: each takes the faces' response, the noise's sizes and the sensors' places from the round
 before. The standard error is that of generalised least squares, `(J' R^-1 J + priors)^-1`; where the noise's sizes
 were estimated, Student's quantile stands for the normal one. Where the cost is no parabola the interval is that of
 the profile likelihood, `-2 log L <= min + q^2`.
 
-Source: G. A. F. Seber, C. J. Wild, Nonlinear Regression (1989), 5.4 and 5.9; A. C. Davison, D. V. Hinkley, Bootstrap
-Methods and their Application (1997), 2.5.
+Source: G. A. F. Seber, C. J. Wild, Nonlinear Regression (1989), 5.4 and 5.9.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .case import Case
 from .experiment import Experiment, Window, large_model, scales
-from .free import Names, bins_of, free_at, names_of, thinned
-from .likelihood import HIGHEST, LOWEST, Minimum, Problem, face_response, minimise, profile, resample
+from .free import Names, bins_of, free_at, names_of, thinned, told_range
+from .likelihood import Minimum, Problem, face_response, minimise, profile
 from .noise import Bins, Noise, NoiseModel, estimate_noise
 from .simulate import Integrator
 from .statespace import StateSpace
@@ -44,7 +42,7 @@ class Interval(NamedTuple):
 
     Arguments:
         kind: "normal", or "profile likelihood" where the cost is no parabola.
-        deeper: ln(alpha/start) of a point where the cost is lower than at the minimum found; or None.
+        deeper: ln(alpha/start) of a point outside where the cost is lower than at the minimum found; or None.
     """
 
     low: float
@@ -83,6 +81,17 @@ class Settled:
         """What each whitened reading and each prior does to each parameter, `(param, row)`."""
         size = np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300)
         return np.linalg.pinv(self.jacobian / size, rcond=1e-13) / size[:, None]
+
+    @cached_property
+    def marginal(self) -> float:
+        """`-2 log L` with all that is free integrated out, up to what the noise alone sets."""
+        J = self.jacobian[:, 1:]
+        return float(self.minimum.cost + np.linalg.slogdet(J.T @ J)[1])
+
+    @property
+    def evidence(self) -> float:
+        """The same with what the noise sets, to compare minima under noise of different sizes."""
+        return self.marginal - 2.0 * float(np.sum(np.log(np.diag(self.noise.whiten))))
 
     @property
     def along(self) -> np.ndarray:
@@ -144,7 +153,8 @@ class Settled:
         known = float(own @ self.noise.covariance @ own)
         faces = float(own @ self.faces_covariance @ own)
         variance = {"sensors' noise": known - faces, "faces' noise": faces}
-        groups = {"offsets": len(names.offsets), "positions": len(names.positions), "initial profile": names.modes}
+        groups = {"offsets": len(names.offsets), "positions": len(names.positions), "common noise": len(names.common)}
+        groups |= {"initial profile": names.modes}
         used = 1
         for name, count in groups.items():
             used += count
@@ -181,7 +191,8 @@ def settle(
     estimated = case.choices.noise == "estimated" and readings - 1 - names.count >= _FEWEST_READINGS
     per_alpha, start = jnp.asarray(scale.fourier(1.0)), jnp.asarray(case.wall.diffusivity_prior)
     large = large_model(case)
-    value, found, settled = first, np.zeros(names.count), None
+    lowest, highest = told_range(case, window)
+    value, found, settled = float(np.clip(first, lowest, highest)), np.zeros(names.count), None
     for rounds in range(1, _MOST_ROUNDS + 1):
         free = free_at(case, window, data, names, float(start), value, found, large)
         shape = noise_model(case, data, system, scale.fourier(value), bins, thin)
@@ -201,6 +212,8 @@ def settle(
             whiten=jnp.asarray(noise.whiten),
             fourier_per_alpha=per_alpha,
             start=start,
+            lowest=jnp.asarray(lowest),
+            highest=jnp.asarray(highest),
             explicit_theta=explicit_theta,
             integrator=integrator,
         )
@@ -227,16 +240,16 @@ def noise_model(case: Case, data: Experiment, system: StateSpace, fourier: float
 def _interval_95(settled: Settled) -> Interval:
     """The interval of the settled estimate, by its curvature where that serves, else by its profile."""
     start, at = float(settled.problem.start), settled.log_alpha
-    low, high = math.log(LOWEST / start), math.log(HIGHEST / start)
+    low, high = (math.log(float(end) / start) for end in (settled.problem.lowest, settled.problem.highest))
     half = min(settled.quantile * settled.log_std, _LARGEST)
     rise = settled.quantile**2 * settled.widening
     near = np.clip(at + half * np.linspace(-2.0, 2.0, _LOCAL + 1)[np.arange(_LOCAL + 1) != _LOCAL // 2], low, high)
     points = np.concatenate([near, np.linspace(low, high, _SCAN)])
     change = _profile(settled, points)
     ends = change[[_LOCAL // 4, _LOCAL // 4 + _LOCAL // 2 - 1]]
-    deepest = int(np.nanargmin(change)) if np.isfinite(change).any() else 0
-    deeper = float(points[deepest]) if change[deepest] < -_DEEPER else None
     outside = np.abs(points - at) > half
+    elsewhere = np.where(outside, change, np.inf)
+    deeper = float(points[np.argmin(elsewhere)]) if elsewhere.min() < -_DEEPER else None
     parabolic = np.all((ends > _PARABOLA[0] * rise) & (ends < _PARABOLA[1] * rise))
     if half < high - low and parabolic and not np.any(change[outside] < _PARABOLA[0] * rise):
         return Interval(at - half, at + half, "normal", deeper)
@@ -249,7 +262,7 @@ def _interval_95(settled: Settled) -> Interval:
 
 def _profile(settled: Settled, points: np.ndarray) -> np.ndarray:
     """The rise of -2 log L over its minimum with all else at its best; infinite where the model has no value."""
-    change = np.asarray(profile(settled.problem, jnp.asarray(points))) - float(settled.minimum.cost)
+    change = np.asarray(profile(settled.problem, jnp.asarray(points))) - settled.marginal
     return np.where(np.isfinite(change), change, np.inf)
 
 
@@ -266,46 +279,3 @@ def _crossing(settled: Settled, points: np.ndarray, change: np.ndarray, rise: fl
     a, b = (math.sqrt(max(c, 0.0)) for c in fine_change[last : last + 2])
     share = (math.sqrt(rise) - a) / (b - a) if math.isfinite(b) and b > a else 0.0
     return float(fine[last] + min(max(share, 0.0), 1.0) * (fine[last + 1] - fine[last]))
-
-
-@dataclass(frozen=True)
-class Bootstrap:
-    """The estimate made again from readings that the fitted model draws: a check of standard error and interval.
-
-    Arguments:
-        draws, seed: how many, and of what random numbers.
-        std: m2/s, of the estimates; that of ln(alpha) times alpha.
-        interval_95: m2/s, `alpha^2` over the draws' 97.5 % and 2.5 % quantiles (the basic interval of ln(alpha)).
-        bias: the mean of ln(alpha) less its truth, in standard errors of the fit.
-        values: of the draws, m2/s.
-    """
-
-    draws: int
-    seed: int
-    std: float
-    interval_95: tuple[float, float]
-    bias: float
-    values: np.ndarray = field(repr=False)
-
-    def __str__(self) -> str:
-        low, high = self.interval_95
-        return f"bootstrap    of {self.draws} draws: +- {self.std:.1g}   (95 %: {low:.4g} to {high:.4g})"
-
-
-def bootstrap(settled: Settled, draws: int, seed: int) -> Bootstrap:
-    """A parametric bootstrap: noise of the covariance found, offsets and positions from their priors."""
-    root = np.linalg.cholesky(settled.noise.covariance) * math.sqrt(settled.widening)
-    found = resample(
-        settled.problem, settled.minimum.parameters, jnp.asarray(root), draws, jax.random.key(seed)
-    )  # fmt: skip
-    away = np.asarray(found) - settled.log_alpha
-    low, high = np.quantile(away, [0.025, 0.975])
-    value = settled.diffusivity
-    return Bootstrap(
-        draws=draws,
-        seed=seed,
-        std=value * float(np.std(away, ddof=1)),
-        interval_95=(value * math.exp(-high), value * math.exp(-low)),
-        bias=float(np.mean(away)) / settled.log_std,
-        values=value * np.exp(away),
-    )

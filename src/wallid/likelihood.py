@@ -4,7 +4,8 @@
 
 `m` are the readings, put together in bins where they are many, `M` the model's, `R` their covariance (`noise`) and `z`
 all that is free beside the diffusivity, each in units of its prior's standard deviation: offsets, position errors,
-and the amplitudes by which the initial profile differs from its polynomial, along the wall's slowest modes.
+the share of the faces' noise that all sensors of one logger have in common, and the amplitudes by which the initial
+profile differs from its polynomial, along the wall's slowest modes.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from .simulate import Integrator, run_rows
 from .statespace import StateSpace
 
 LOWEST, HIGHEST = 1e-10, 1e-2
-"""Bounds of the search, m2/s: past any solid. An estimate at one is none."""
+"""Bounds of any search, m2/s: past any solid. An estimate at one is none."""
 
 _BOOTSTRAP_STEPS = 12  # of Gauss-Newton, from the estimate that drew the readings
 _BOOTSTRAP_ETA = 1e-6  # relative, of a draw's diffusivity: far under any standard error
@@ -33,7 +34,7 @@ class Free(eqx.Module):
     """What is free beside the diffusivity, as it acts about one diffusivity `alpha_k`.
 
     Arguments:
-        columns: what one prior standard deviation of each offset and position error adds, K.
+        columns: what one prior standard deviation of each offset, position error and common noise adds, K.
         at: the columns' parameters about which positions are linear, prior standard deviations.
         moved: what the positions at `at` add, K, and `moved_slope`, its derivative by ln(alpha).
         log_alpha: ln(alpha_k / start).
@@ -62,6 +63,7 @@ class Problem(eqx.Module):
     Arguments:
         observed: the readings in their bins, degC, 0 in an empty one.
         whiten: W.
+        lowest, highest: between which diffusivities is searched, m2/s.
     """
 
     system: StateSpace
@@ -72,6 +74,8 @@ class Problem(eqx.Module):
     whiten: Float[Array, "reading reading"]
     fourier_per_alpha: Float[Array, ""]
     start: Float[Array, ""]
+    lowest: Float[Array, ""]
+    highest: Float[Array, ""]
     explicit_theta: bool = eqx.field(static=True, default=True)
     integrator: Integrator = eqx.field(static=True, default="propagator")
 
@@ -138,8 +142,8 @@ def _search(problem: Problem, first: Array, eta: Array, max_iterations: int) -> 
         # near the minimum gamma_1 goes with the square of gamma_2; under 1e-14 a sum of squares is round-off
         eta_1=jnp.maximum(eta**2, 1e-14),
         eta_2=eta,
-        lower=jnp.log(LOWEST / problem.start),
-        upper=jnp.log(HIGHEST / problem.start),
+        lower=jnp.log(problem.lowest / problem.start),
+        upper=jnp.log(problem.highest / problem.start),
         longest_trace=max_iterations,
     )
     solution = optx.least_squares(
@@ -150,13 +154,21 @@ def _search(problem: Problem, first: Array, eta: Array, max_iterations: int) -> 
 
 @eqx.filter_jit
 def profile(problem: Problem, log_alpha: Float[Array, " point"]) -> Float[Array, " point"]:
-    """`-2 log L` at each ln(alpha/start), all else at its best: at a fixed diffusivity the rest is linear."""
+    """`-2 log L` at each ln(alpha/start) with all else integrated out, up to what the noise alone sets.
+
+    At a fixed diffusivity the rest, `z`, is linear with a normal prior, so that the integral is exact:
+    `min_z (|W (m - M)|^2 + |z|^2) + log det (1 + J_z' W' W J_z)`. Its last term is what a small diffusivity owes for
+    an initial profile that stays, and could then explain any course of the readings.
+    """
 
     def cost(log: Array) -> Array:
         still = jnp.zeros(1 + problem.free.count).at[0].set(log)
-        rest = jax.jacfwd(lambda z: problem.residual(still.at[1:].set(z)))(still[1:])
         residual = problem.residual(still)
-        return jnp.sum((residual - rest @ jnp.linalg.lstsq(rest, residual)[0]) ** 2)
+        rest = jax.jacfwd(lambda z: problem.residual(still.at[1:].set(z)))(still[1:])
+        # the priors' rows are in `rest`
+        root = jnp.linalg.cholesky(rest.T @ rest)
+        pull = jax.scipy.linalg.solve_triangular(root, rest.T @ residual, lower=True)
+        return jnp.sum(residual**2) - jnp.sum(pull**2) + 2.0 * jnp.sum(jnp.log(jnp.diag(root)))
 
     return jax.lax.map(cost, log_alpha)
 
@@ -167,18 +179,18 @@ def resample(
     parameters: Float[Array, " param"],
     covariance_root: Float[Array, "reading reading"],
     draws: int,
+    errors: int,
     key: Array,
 ) -> Float[Array, " draw"]:
     """ln(alpha/start) estimated again from readings that the fitted model makes.
 
-    Each draw has noise of the covariance, and offsets and positions from their priors; the initial profile is that
-    of the fit.
+    Each draw has noise of the covariance, and `errors` (offsets and positions) from their priors; the rest is that of
+    the fit.
     """
 
     def one(key: Array) -> Array:
-        noise, errors = jax.random.split(key)
-        columns = len(problem.free.columns)
-        truth = parameters.at[1 : 1 + columns].set(jax.random.normal(errors, (columns,)))
+        noise, constant = jax.random.split(key)
+        truth = parameters.at[1 : 1 + errors].set(jax.random.normal(constant, (errors,)))
         size = problem.observed.shape
         observed = problem.binned(truth) + covariance_root @ jax.random.normal(noise, size)
         drawn = eqx.tree_at(lambda p: p.observed, problem, jnp.where(_present(problem), observed, 0.0))

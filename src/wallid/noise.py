@@ -242,10 +242,10 @@ def estimate_noise(
     """
     likelihood = _Whittle(model, residual, directions)
     grid = [(lasting, rho) for lasting in _SHARES for rho in _CORRELATIONS]
-    sizes, costs = (1.0, 0.0, 0.8), np.zeros(len(grid))
+    sizes, costs, totals = (1.0, 0.0, 0.8), np.zeros(len(grid)), np.zeros(len(grid))
     for _ in range(2):
         likelihood.take_out(sizes)
-        costs = np.array([likelihood.cost(*point)[0] for point in grid])
+        costs, totals = np.array([likelihood.cost(*point) for point in grid]).T
         found = minimize(
             lambda y: likelihood.cost(*y)[0],
             np.array(grid[int(np.argmin(costs))]),
@@ -258,13 +258,13 @@ def estimate_noise(
     # how well the record tells the power of slow noise, in which effects are looked for
     chance = np.exp(-0.5 * (costs - costs.min()))
     chance /= chance.sum()
-    slow = np.array([_slow(*point, likelihood.cost(*point)[1]) for point in grid])
+    slow = np.array([_slow(*point, total) for point, total in zip(grid, totals, strict=True)])
     spread = float(np.sqrt(chance @ (slow - chance @ slow) ** 2 + 2.0 / likelihood.weight.sum()))
     noise = replace(model.noise(*sizes), spread=spread, freedom=float(likelihood.weight.sum()))
     if along is None:
         return noise
-    variance = np.array([likelihood.log_variance(along, *point) for point in grid])
-    found = likelihood.log_variance(along, lasting, rho)
+    variance = np.array([likelihood.log_variance(along, *point) for point in grid]) + totals
+    found = likelihood.log_variance(along, lasting, rho) + np.log(sum(sizes[:2]))
     return replace(noise, chance=chance, ratio=np.exp(0.5 * (variance - found)))
 
 
@@ -293,9 +293,9 @@ class _Whittle:
         return (self.model.density(white, lasting, rho) * self.share).T.reshape(-1)
 
     def log_variance(self, along: np.ndarray, lasting: float, rho: float) -> float:
-        """The logarithm of the variance of a parameter's estimate under noise of this shape, at its best size."""
-        density = self._density(1.0 - lasting, lasting, rho)
-        return self.cost(lasting, rho)[1] - float(np.log(np.sum(self._transform(along) ** 2 / density)))
+        """The logarithm of the variance of a parameter's estimate under noise of this shape, for a total of 1."""
+        power = self._transform(along) ** 2
+        return -float(np.log(np.sum(power / self._density(1.0 - lasting, lasting, rho))))
 
     def take_out(self, sizes: tuple[float, float, float]) -> None:
         """Take the directions out, by least squares under noise of these sizes."""
