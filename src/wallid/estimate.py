@@ -398,8 +398,8 @@ def _why_unreliable(
         return f"the estimate ran to the bound of its search, {value:.3g} m2/s: the record does not hold it"
     if interval[0] <= bounds[0] * 1.001 or interval[1] >= bounds[1] / 1.001:
         return (
-            f"its 95 % interval, {interval[0]:.3g} to {interval[1]:.3g} m2/s, reaches the bound of what this window can "
-            "tell: the temperatures vary too little for their noise"
+            f"its 95 % interval, {interval[0]:.3g} to {interval[1]:.3g} m2/s, reaches the bound of what this window "
+            "can tell: the temperatures vary too little for their noise"
         )
     factor = interval[1] / interval[0]
     if factor > case.choices.largest_interval_factor:

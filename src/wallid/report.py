@@ -46,9 +46,9 @@ def result(run: Run) -> dict[str, Any]:
         profile = fit.profile
         found["initial_profile"] = {"coefficients_degC": profile.coefficients, "eps_2_K": profile.eps_2}
         found["model_shift"] = fit.model_shift
-        found["offsets"] = {
-            name: {"value": value, "std": std, "unit": "K"} for name, (value, std) in fit.offsets.items()
-        }
+        for key, errors, unit in (("offsets", fit.offsets, "K"), ("positions", fit.positions, "m")):
+            found[key] = {name: {"value": value, "std": std, "unit": unit} for name, (value, std) in errors.items()}
+        found["interval"] = _interval(fit)
     if run.learned is not None:
         found["reduced_model"] = {
             "order": run.learned.system.order,
@@ -120,6 +120,27 @@ def _evidence(explanation: Explanation) -> dict[str, Any]:
 
 def _quantity(fit: Estimate) -> dict[str, Any]:
     return {"value": fit.value, "std": fit.std, "interval_95": list(fit.interval_95), "unit": "m2/s"}
+
+
+def _interval(fit: Estimate) -> dict[str, Any]:
+    """How the interval was found, and what checked it."""
+    drawn = fit.bootstrap
+    return {
+        "kind": fit.interval_kind,
+        "noise": fit.noise,
+        "variance_shares": fit.shares,
+        "reduced_chi_square": fit.reduced_chi_square,
+        "bootstrap": None
+        if drawn is None
+        else {
+            "draws": drawn.draws,
+            "seed": drawn.seed,
+            "std": drawn.std,
+            "interval_95": list(drawn.interval_95),
+            "bias_in_standard_errors": drawn.bias,
+            "unit": "m2/s",
+        },
+    }
 
 
 def _floor(run: Run, fit: Estimate) -> float:

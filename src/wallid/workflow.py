@@ -12,7 +12,7 @@ from ._columns import FEWEST_ROWS
 from .case import Case
 from .design import Design, Lengths, design, lengths
 from .discrepancy import Explanation, explain
-from .estimate import Estimate, estimate, seconds_of_estimate
+from .estimate import Estimate, check_draws, estimate, seconds_of_estimate
 from .experiment import Window, large_model
 from .learning import learn, learning_signals
 from .mim import Learned, sweep_orders
@@ -80,6 +80,7 @@ def run(
     orders: Sequence[int] = (),
     weights: Literal["noise", "none"] = "noise",
     integrator: Integrator = "propagator",
+    draws: int = 0,
     progress: Progress = lambda stage, share: None,
 ) -> Run:
     """The method on a case; the stages asked for, in their order.
@@ -89,6 +90,7 @@ def run(
         orders: reduced models to learn for the figure of error against order.
         weights: of the estimate's readings.
         integrator: how the design's, the learning's and the estimate's rows are stepped through.
+        draws: of a bootstrap that checks the estimate's interval; 0 for none.
         progress: told of each stage.
 
     Raises:
@@ -96,9 +98,10 @@ def run(
     """
     done = Run(case)
     _check_orders(case, orders)
+    check_draws(draws, weights)
     begin = _Shares(stages, len(orders), progress)
     if set(stages) != {"diagnose"}:
-        _of_window(done, stages, window, orders, weights, integrator, begin)
+        _of_window(done, stages, window, orders, weights, integrator, draws, begin)
     if "diagnose" in stages:
         begin("diagnose", "diagnose: what the plain model misses")
         with done.timed("diagnose"):
@@ -141,6 +144,7 @@ def _of_window(
     orders: Sequence[int],
     weights: Literal["noise", "none"],
     integrator: Integrator,
+    draws: int,
     begin: _Shares,
 ) -> None:
     """The stages about one window: all but the diagnosis."""
@@ -166,9 +170,10 @@ def _of_window(
     else:
         model = large_model(case)
     if "estimate" in stages:
-        begin("estimate", "estimate: Gauss-Newton")
+        checked = f", then {draws} draws of a bootstrap" if draws else ""
+        begin("estimate", f"estimate: Gauss-Newton{checked}")
         with done.timed("estimate"):
-            done.fit = estimate(case, window, model, weights=weights, integrator=integrator)
+            done.fit = estimate(case, window, model, weights=weights, integrator=integrator, draws=draws)
     if "reliability" in stages and done.fit is not None:
         begin("reliability", "reliability: the whole record")
         with done.timed("reliability"):
