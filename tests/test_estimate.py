@@ -204,14 +204,16 @@ def test_offset_covariance_is_that_of_the_marginal_model(case, reduced):
     assert fit.std / fit.value == pytest.approx(np.sqrt(inflated / information), rel=1e-5)
 
 
-def test_a_reduced_model_that_is_too_coarse_is_not_relied_on(case, reduced, large):
-    """Its error against the large model is reported as a shift, counted, and refused past the noise."""
+def test_a_reduced_model_that_is_too_coarse_says_so(case, reduced, large):
+    """Its error against the large model is reported as a shift and counted; what it misses passes for noise."""
     coarse = wallid.estimate(case, None, wallid.learn(case, wallid.design(case), 1))
     right = wallid.estimate(case, None, large)
     apart = np.log(right.value / coarse.value)
-    assert not coarse.reliable and "reduced model's own error" in coarse.reason
-    assert coarse.model_shift == pytest.approx(-apart, rel=0.6)
-    assert abs(apart) < 3 * coarse.std / coarse.value
+    assert coarse.std > 4 * right.std
+    assert coarse.interval_95[0] < right.value < coarse.interval_95[1]
+    assert abs(coarse.model_shift + apart) < coarse.std / coarse.value
+    plain = wallid.estimate(case, None, wallid.learn(case, wallid.design(case), 1), weights="none")
+    assert not plain.reliable and "reduced model's own error" in plain.reason
     fine = wallid.estimate(case, None, reduced)
     assert fine.reliable and abs(fine.model_shift) < 0.1 * fine.std / fine.value
     assert right.model_shift == 0.0

@@ -42,13 +42,15 @@ class Bootstrap:
 
 def bootstrap(settled: Settled, draws: int, seed: int) -> Bootstrap:
     """A parametric bootstrap: noise of the covariance found, offsets and positions from their priors."""
-    root = np.linalg.cholesky(settled.noise.covariance) * math.sqrt(settled.widening)
+    noise = settled.noise if settled.robust is None else settled.robust
+    widening = 1.0 if settled.robust is not None else settled.widening
+    root = np.linalg.cholesky(noise.covariance) * math.sqrt(widening)
     found = resample(
         settled.problem,
         settled.minimum.parameters,
         jnp.asarray(root),
         draws,
-        settled.names.errors,
+        jnp.asarray(settled.names.constants),
         jax.random.key(seed),
     )
     away = np.asarray(found) - settled.log_alpha

@@ -8,7 +8,7 @@ that remembers, with offsets, position errors and the initial profile free withi
 from __future__ import annotations
 
 import time as clock
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import jax
@@ -30,6 +30,7 @@ from .experiment import (
     large_model,
     scales,
 )
+from .free import fluxes_of, whole_model, with_flux
 from .interval import NORMAL_95, Settled, settle
 from .learning import learn
 from .least_squares import Fit, apart, covariance, fit_experiment, paper_sigma, simple_sigma
@@ -38,6 +39,7 @@ from .mim import Learned
 from .sensitivity import explicit
 from .simulate import Integrator
 from .statespace import StateSpace
+from .thermal import Thermal, thermal
 from .wall import InputError
 
 __all__ = ["Estimate", "estimate", "fit_experiment", "paper_sigma", "seconds_of_estimate", "theta_kelvin"]
@@ -76,6 +78,8 @@ class Estimate:
         profile: the initial profile that the window starts from.
         model: what was fitted, in words.
         bootstrap: a check of `std` and interval by drawn readings; None where none was asked for.
+        thermal: what heat fluxes told; None without any. `predicted` and `residual` then hold the plates' columns
+            after the sensors', W/m2, and there is no paper's iteration: `iterations` are of the rounds.
     """
 
     value: float
@@ -103,6 +107,7 @@ class Estimate:
     noise: str = "the paper's simple sigma"
     shares: dict[str, float] = field(default_factory=dict)
     bootstrap: Bootstrap | None = None
+    thermal: Thermal | None = None
 
     def __str__(self) -> str:
         low, high = self.interval_95
@@ -114,9 +119,11 @@ class Estimate:
         rounds = f", {self.rounds} rounds under the full covariance" if self.rounds else ""
         lines += [
             f"model        {self.model}; {self.result} after {self.iterations} Gauss-Newton steps{rounds}",
-            f"residual     {np.sqrt(np.nanmean(self.residual**2)):.3g} K root mean square, "
+            f"residual     {self._left()} root mean square, "
             f"reduced chi-square {self.reduced_chi_square:.2f}; {self.noise}",
         ]
+        if self.thermal is not None:
+            lines.append(str(self.thermal))
         if self.shares:
             lines.append("variance     " + ", ".join(f"{name} {share:.0%}" for name, share in self.shares.items()))
         if self.bootstrap is not None:
@@ -131,6 +138,16 @@ class Estimate:
             for name, (value, std) in self.positions.items()
         ]
         return "\n".join(lines)
+
+    @property
+    def sensors(self) -> int:
+        """How many columns of `residual` are temperatures."""
+        return self.residual.shape[1] - (0 if self.thermal is None else len(self.thermal.gains))
+
+    def _left(self) -> str:
+        """The residual's size."""
+        parts = (self.residual[:, : self.sensors], "K"), (self.residual[:, self.sensors :], "W/m2")
+        return " and ".join(f"{np.sqrt(np.nanmean(part**2)):.3g} {unit}" for part, unit in parts if part.size)
 
 
 def estimate(
@@ -169,6 +186,9 @@ def estimate(
         raise InputError(f"start = {start} m2/s; it must lie between {LOWEST} and {HIGHEST}")
     check_draws(draws, weights)
     window = Window(0, case.record.rows) if window is None else as_window(window)
+    plates = fluxes_of(case)
+    if plates and weights == "noise":
+        return _with_fluxes(case, window, start, eta, sensitivity == "explicit", integrator, draws)
     if model is None:
         model = large_model(case) if case.choices.model == "lom" else learn(case, window, integrator=integrator)
     system = model.system if isinstance(model, Learned) else model
@@ -194,6 +214,25 @@ def estimate(
     return _conclude(told, settled, others, draws)
 
 
+def _with_fluxes(
+    case: Case,
+    window: Window,
+    start: float,
+    eta: float | None,
+    explicit_theta: bool,
+    integrator: Integrator,
+    draws: int,
+) -> Estimate:
+    """The estimate of a case with heat flux, by the large model: a reduced one does not learn a face's flux."""
+    data, system = experiment(case, window), whole_model(case)
+    words = f"large model of order {system.order}, with the flux of the {' and the '.join(fluxes_of(case))} face"
+    told = _Told(case, window, with_flux(case, window, data), system, None, False, words)
+    eta = case.choices.eta if eta is None else eta
+    settled, others = _settled(told, eta, explicit_theta, integrator, start)
+    fit = _conclude(told, settled, others, draws)
+    return replace(fit, thermal=thermal(case, window, settled))
+
+
 def check_draws(draws: int, weights: str = "noise") -> None:
     """Refuse a bootstrap that could say nothing.
 
@@ -216,7 +255,7 @@ class _Told:
     window: Window
     data: Experiment
     system: StateSpace
-    fit: Fit
+    fit: Fit | None
     reduced: bool
     words: str
 
@@ -235,15 +274,15 @@ class _Told:
     def history(self, traces=()) -> dict[str, np.ndarray]:
         """The iterates, those of later rounds appended."""
         start = self.case.wall.diffusivity_prior
-        rows = [_rows(self.fit.trace, self.fit.trace.parameters[:, 0])]
+        rows = [] if self.fit is None else [_rows(self.fit.trace, self.fit.trace.parameters[:, 0])]
         rows += [_rows(trace, start * np.exp(trace.parameters[:, 0])) for trace in traces]
         return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
 
     def finished(self, **found) -> Estimate:
         """An estimate with what every kind of it has."""
         return Estimate(
-            iterations=int(self.fit.trace.count) - 1,
-            evaluations=int(self.fit.evaluations),
+            iterations=0 if self.fit is None else int(self.fit.trace.count) - 1,
+            evaluations=0 if self.fit is None else int(self.fit.evaluations),
             profile=fit_profile(self.case, self.window.row),
             model=self.words,
             window=self.window,
@@ -257,14 +296,18 @@ def _rows(trace, diffusivity) -> dict[str, np.ndarray]:
     return {name: np.asarray(column)[:count] for name, column in columns.items()}
 
 
-def _settled(told: _Told, eta: float, explicit_theta: bool, integrator: Integrator) -> tuple[Settled, list[Settled]]:
+def _settled(
+    told: _Told, eta: float, explicit_theta: bool, integrator: Integrator, start: float | None = None
+) -> tuple[Settled, list[Settled]]:
     """The best minimum under the full covariance, and others that the record does not exclude.
 
     Looked for from the paper's estimate, from the prior where that is far away, and from wherever the cost of one of
     these is lower.
     """
     prior = told.case.wall.diffusivity_prior
-    first = float(told.fit.trace.parameters[int(told.fit.trace.count) - 1, 0])
+    if told.fit is not None:
+        start = float(told.fit.trace.parameters[int(told.fit.trace.count) - 1, 0])
+    first = prior if start is None else start
     starts = [first] if LOWEST * 1.001 < first < HIGHEST / 1.001 else []
     if not starts or abs(np.log(first / prior)) > np.log(_FAR):
         starts.append(prior)
@@ -322,7 +365,7 @@ def _conclude(told: _Told, settled: Settled, others: list[Settled], draws: int) 
         rounds=settled.rounds,
         history=told.history([best.trace]),
         reduced_chi_square=settled.reduced_chi_square,
-        noise=str(settled.noise) if settled.estimated else "noise as stated",
+        noise=_noise_words(settled),
         shares=settled.shares() if not reason else {},
         predicted=np.asarray(best.predicted),
         residual=np.where(told.present, np.asarray(told.data.observed - best.predicted), np.nan),
@@ -331,6 +374,12 @@ def _conclude(told: _Told, settled: Settled, others: list[Settled], draws: int) 
         model_shift=shift,
         bootstrap=bootstrap(settled, draws, case.choices.seed) if draws and not reason else None,
     )
+
+
+def _noise_words(settled: Settled) -> str:
+    if settled.robust is not None:
+        return f"weighted as stated, the interval by {settled.robust}"
+    return str(settled.noise) if settled.estimated else "noise as stated"
 
 
 def _finite(settled: Settled) -> bool:

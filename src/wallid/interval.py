@@ -11,16 +11,28 @@ Source: G. A. F. Seber, C. J. Wild, Nonlinear Regression (1989), 5.4 and 5.9.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from .case import Case
-from .experiment import Experiment, Window, large_model, scales
-from .free import Names, bins_of, free_at, names_of, thinned, told_range
+from .experiment import Experiment, Window, scales
+from .free import (
+    Names,
+    bins_of,
+    flux_noise_std,
+    fluxes_of,
+    free_at,
+    names_of,
+    thinned,
+    told_range,
+    whole_model,
+    with_flux,
+)
 from .likelihood import Minimum, Problem, face_response, minimise, profile
 from .noise import Bins, Noise, NoiseModel, estimate_noise
 from .simulate import Integrator
@@ -58,6 +70,7 @@ class Settled:
     Arguments:
         reduced_chi_square: the cost under the noise as stated, over its degrees of freedom.
         estimated: whether the noise's sizes are the record's; else as stated, and a misfit widens the interval.
+        robust: the noise that was found beside weights as stated; or None.
         rounds: how many it took.
     """
 
@@ -69,6 +82,7 @@ class Settled:
     reduced_chi_square: float
     estimated: bool
     rounds: int
+    robust: Noise | None = None
 
     @cached_property
     def jacobian(self) -> np.ndarray:
@@ -104,12 +118,19 @@ class Settled:
     @property
     def widening(self) -> float:
         """Of the covariance: by how uncertain the noise's shape is, or by a misfit beyond the stated noise."""
+        if self.robust is not None:
+            return float(self.covariance[0, 0] / (self.inverse[0] @ self.inverse[0]))
         return self.noise.widening if self.estimated else max(1.0, self.reduced_chi_square)
 
     @cached_property
     def covariance(self) -> np.ndarray:
         """Of ln(alpha) and all that is free, in prior standard deviations."""
-        return self.inverse @ self.inverse.T * self.widening
+        if self.robust is None:
+            return self.inverse @ self.inverse.T * self.widening
+        # what the noise found makes of an estimate by these weights (P. J. Huber, 1967), and the priors' part
+        readings = len(self.noise.whiten)
+        own, priors = self.inverse[:, :readings] @ self.noise.whiten, self.inverse[:, readings:]
+        return own @ self.robust.covariance @ own.T + priors @ priors.T
 
     @property
     def log_alpha(self) -> float:
@@ -130,6 +151,8 @@ class Settled:
     @property
     def quantile(self) -> float:
         """97.5 %, in units of `log_std`: beyond the normal one by what the record leaves open of the noise."""
+        if self.robust is not None:
+            return self.robust.quantile
         return self.noise.quantile / math.sqrt(self.noise.widening)
 
     @cached_property
@@ -183,26 +206,34 @@ def settle(
     eta: float,
     explicit_theta: bool = True,
     integrator: Integrator = "propagator",
+    rows_used: int | None = None,
 ) -> Settled:
-    """The estimate under the full covariance, from a first diffusivity (m2/s)."""
+    """The estimate under the full covariance, from a first diffusivity (m2/s).
+
+    Arguments:
+        system: its outputs are the sensors, then the plates.
+        rows_used: of the window, from its start; None for all.
+    """
     names, scale = names_of(case, window), scales(case)
+    data = with_flux(case, window, data)
+    if rows_used is not None:
+        used = jnp.asarray(np.arange(window.rows) < rows_used, dtype=float)[:, None]
+        data = eqx.tree_at(lambda d: (d.weight, d.observed), data, (data.weight * used, data.observed * used))
     bins, thin = bins_of(np.asarray(data.weight) > 0, np.asarray(data.observed))
     readings = int((np.asarray(bins.counts()) > 0).sum())
-    estimated = case.choices.noise == "estimated" and readings - 1 - names.count >= _FEWEST_READINGS
+    kind = case.choices.noise or ("robust" if names.fluxes else "estimated")
+    enough = readings - 1 - names.count >= _FEWEST_READINGS
+    estimated = kind == "estimated" and enough
     per_alpha, start = jnp.asarray(scale.fourier(1.0)), jnp.asarray(case.wall.diffusivity_prior)
-    large = large_model(case)
+    large, length = whole_model(case), case.wall.length
+    conductivity = first_conductivity(case, window) if names.fluxes else 0.0
     lowest, highest = told_range(case, window)
     value, found, settled = float(np.clip(first, lowest, highest)), np.zeros(names.count), None
     for rounds in range(1, _MOST_ROUNDS + 1):
-        free = free_at(case, window, data, names, float(start), value, found, large)
-        shape = noise_model(case, data, system, scale.fourier(value), bins, thin)
-        if settled is None or not estimated:
-            noise = shape.noise(1.0, 0.0, 0.8)
-        else:
-            at = settled.minimum
-            directions = np.asarray(at.jacobian).T
-            moving = np.linalg.norm(directions, axis=1) > 0
-            noise = estimate_noise(shape, np.asarray(at.left), directions[moving], settled.along)
+        free = free_at(case, window, data, names, float(start), value, found, large, conductivity)
+        now = conductivity * math.exp(free.log_std * found[names.conductivity]) if names.fluxes else 0.0
+        shape = noise_model(case, data, system, scale.fourier(value), bins, thin, now / length)
+        noise = _noise_left(shape, settled) if settled is not None and estimated else shape.noise(1.0, 0.0, 0.8)
         problem = Problem(
             system=system,
             data=data,
@@ -226,14 +257,45 @@ def settle(
         if not math.isfinite(moved) or (rounds > 1 and moved < _STILL * settled.log_std):
             break
         value, found = settled.diffusivity, np.asarray(at.parameters)[1:]
+    assert settled is not None
+    if kind == "robust" and enough and math.isfinite(settled.diffusivity):
+        return replace(settled, robust=_noise_left(settled.shape, settled))
     return settled
 
 
-def noise_model(case: Case, data: Experiment, system: StateSpace, fourier: float, bins: Bins, apart: int) -> NoiseModel:
-    """The covariance's shape at a Fourier number, with the faces' noise through this model."""
-    response = face_response(system, jnp.asarray(fourier), data.step, data.observed.shape[0])
-    response, bins = thinned(np.asarray(response), bins, apart)
-    sensor_std = np.array([sensor.noise_std for sensor in case.sensors])
+def _noise_left(shape: NoiseModel, settled: Settled) -> Noise:
+    """The noise that a minimum leaves, beside every direction that a parameter could move the readings in."""
+    directions = np.asarray(settled.minimum.jacobian).T
+    moving = np.linalg.norm(directions, axis=1) > 0
+    if not moving[0]:  # nothing tells of the diffusivity, and no noise would either
+        return shape.noise(1.0, 0.0, 0.8)
+    return estimate_noise(shape, np.asarray(settled.minimum.left), directions[moving], settled.along)
+
+
+def first_conductivity(case: Case, window: Window) -> float:
+    """Where to begin, W/m/K: what the case states, else mean fluxes over the mean drop of temperature, else 1."""
+    if case.wall.effective_conductivity is not None:
+        return case.wall.effective_conductivity
+    part = case.record.window(window.row, window.rows)
+    fluxes = [part.regressors[f"flux_{face}"] for face in fluxes_of(case)]
+    drop = float(np.mean(part.faces[:, 0] - part.faces[:, 1]))
+    found = float(np.nanmean(np.concatenate(fluxes))) / drop * case.wall.length if abs(drop) > 1e-3 else 1.0
+    return float(np.clip(found, 1e-3, 1e3)) if math.isfinite(found) and found > 0 else 1.0
+
+
+def noise_model(
+    case: Case, data: Experiment, system: StateSpace, fourier: float, bins: Bins, apart: int, conductance: float = 0.0
+) -> NoiseModel:
+    """The covariance's shape at a Fourier number, with the faces' noise through this model.
+
+    Arguments:
+        conductance: k/L, W/m2/K, by which a face's noise is in the fluxes.
+    """
+    response = np.array(face_response(system, jnp.asarray(fourier), data.step, data.observed.shape[0]))
+    plates = response.shape[2] - len(case.sensors)
+    response[:, :, len(case.sensors) :] *= conductance
+    response, bins = thinned(response, bins, apart)
+    sensor_std = np.array([sensor.noise_std for sensor in case.sensors] + [flux_noise_std(case)] * plates)
     return NoiseModel(response, bins, sensor_std, case.record.boundary_noise_std)
 
 
@@ -242,7 +304,7 @@ def _interval_95(settled: Settled) -> Interval:
     start, at = float(settled.problem.start), settled.log_alpha
     low, high = (math.log(float(end) / start) for end in (settled.problem.lowest, settled.problem.highest))
     half = min(settled.quantile * settled.log_std, _LARGEST)
-    rise = settled.quantile**2 * settled.widening
+    rise = settled.quantile**2 * settled.widening  # of the weights' own cost
     near = np.clip(at + half * np.linspace(-2.0, 2.0, _LOCAL + 1)[np.arange(_LOCAL + 1) != _LOCAL // 2], low, high)
     points = np.concatenate([near, np.linspace(low, high, _SCAN)])
     change = _profile(settled, points)

@@ -26,6 +26,7 @@ from .statespace import StateSpace
 LOWEST, HIGHEST = 1e-10, 1e-2
 """Bounds of any search, m2/s: past any solid. An estimate at one is none."""
 
+_PRODUCT_STEPS = 6  # of Gauss-Newton at a fixed diffusivity
 _BOOTSTRAP_STEPS = 12  # of Gauss-Newton, from the estimate that drew the readings
 _BOOTSTRAP_ETA = 1e-6  # relative, of a draw's diffusivity: far under any standard error
 
@@ -40,6 +41,8 @@ class Free(eqx.Module):
         log_alpha: ln(alpha_k / start).
         rates, shapes: of the wall's slowest modes: `x_k' = Fo f_k x_k`, and what 1 K of each is at the sensors.
         mode_std: the amplitudes' priors, K.
+        flux: what a flux through 1 of the model's output is at the conductivity begun with, W/m2; none for sensors.
+        log_std: the wide prior of ln(conductivity) about that. gain_std: of each plate's calibration, 1.
     """
 
     columns: Float[Array, "param time sensor"] = eqx.field(converter=jnp.asarray)
@@ -50,11 +53,19 @@ class Free(eqx.Module):
     rates: Float[Array, " mode"] = eqx.field(converter=jnp.asarray)
     shapes: Float[Array, "sensor mode"] = eqx.field(converter=jnp.asarray)
     mode_std: Float[Array, " mode"] = eqx.field(converter=jnp.asarray)
+    flux: Float[Array, " flux"] = eqx.field(converter=jnp.asarray, default=())
+    gain_std: Float[Array, " flux"] = eqx.field(converter=jnp.asarray, default=())
+    log_std: float = eqx.field(static=True, default=3.0)
+
+    @property
+    def fluxes(self) -> int:
+        """How many fluxes are among the readings; they come after the sensors."""
+        return self.flux.shape[0]
 
     @property
     def count(self) -> int:
-        """How many parameters these are."""
-        return self.columns.shape[0] + self.rates.shape[0]
+        """How many parameters these are: columns, modes, and with a flux ln(conductivity) and each plate's gain."""
+        return self.columns.shape[0] + self.rates.shape[0] + (1 + self.fluxes if self.fluxes else 0)
 
 
 class Problem(eqx.Module):
@@ -90,10 +101,19 @@ class Problem(eqx.Module):
             u = field_with_theta(fourier, data.initial, self.system, data, self.integrator)
         else:
             u = run(self.system, fourier, data, integrator=self.integrator)[0]
-        linear, amplitudes = y[1 : 1 + len(free.columns)], y[1 + len(free.columns) :]
+        columns, modes = len(free.columns), len(free.rates)
+        linear, amplitudes = y[1 : 1 + columns], y[1 + columns : 1 + columns + modes]
         decay = jnp.exp(fourier * jnp.outer(data.time, free.rates)) * (free.mode_std * amplitudes)
         moved = free.moved + free.moved_slope * (y[0] - free.log_alpha)
-        return data.celsius(u) + moved + jnp.tensordot(linear - free.at, free.columns, 1) + decay @ free.shapes.T
+        added = moved + jnp.tensordot(linear - free.at, free.columns, 1)
+        shaped = decay @ free.shapes.T
+        if not free.fluxes:
+            return data.celsius(u) + added + shaped
+        thermal, sensors = y[1 + columns + modes :], u.shape[1] - free.fluxes
+        inside = data.celsius(u[:, :sensors]) + added[:, :sensors] + shaped[:, :sensors]
+        scale = free.flux * jnp.exp(free.log_std * thermal[0]) * (1.0 + free.gain_std * thermal[1:])
+        through = scale * (u + shaped / data.temperature)[:, sensors:]
+        return jnp.concatenate([inside, through], axis=1)
 
     def binned(self, y: Float[Array, " param"]) -> Float[Array, " reading"]:
         """The readings in their bins, degC, 0 in an empty one."""
@@ -161,10 +181,20 @@ def profile(problem: Problem, log_alpha: Float[Array, " point"]) -> Float[Array,
     an initial profile that stays, and could then explain any course of the readings.
     """
 
+    def linear(log: Array, z: Array) -> tuple[Array, Array]:
+        def residual(z: Array) -> Array:
+            return problem.residual(jnp.concatenate([log[None], z]))
+
+        return residual(z), jax.jacfwd(residual)(z)
+
     def cost(log: Array) -> Array:
-        still = jnp.zeros(1 + problem.free.count).at[0].set(log)
-        residual = problem.residual(still)
-        rest = jax.jacfwd(lambda z: problem.residual(still.at[1:].set(z)))(still[1:])
+        z = jnp.zeros(problem.free.count)
+        # conductivity and gains are a product: a few steps to where it is linear enough
+        for _ in range(_PRODUCT_STEPS if problem.free.fluxes else 0):
+            residual, rest = linear(log, z)
+            step = jnp.linalg.lstsq(rest, residual)[0]
+            z = z - step / jnp.maximum(1.0, jnp.max(jnp.abs(step)))
+        residual, rest = linear(log, z)
         # the priors' rows are in `rest`
         root = jnp.linalg.cholesky(rest.T @ rest)
         pull = jax.scipy.linalg.solve_triangular(root, rest.T @ residual, lower=True)
@@ -179,18 +209,18 @@ def resample(
     parameters: Float[Array, " param"],
     covariance_root: Float[Array, "reading reading"],
     draws: int,
-    errors: int,
+    constant: Array,
     key: Array,
 ) -> Float[Array, " draw"]:
     """ln(alpha/start) estimated again from readings that the fitted model makes.
 
-    Each draw has noise of the covariance, and `errors` (offsets and positions) from their priors; the rest is that of
-    the fit.
+    Each draw has noise of the covariance, and the parameters that are `constant` errors from their priors; the rest is
+    that of the fit.
     """
 
     def one(key: Array) -> Array:
-        noise, constant = jax.random.split(key)
-        truth = parameters.at[1 : 1 + errors].set(jax.random.normal(constant, (errors,)))
+        noise, errors = jax.random.split(key)
+        truth = jnp.where(constant, jax.random.normal(errors, parameters.shape), parameters)
         size = problem.observed.shape
         observed = problem.binned(truth) + covariance_root @ jax.random.normal(noise, size)
         drawn = eqx.tree_at(lambda p: p.observed, problem, jnp.where(_present(problem), observed, 0.0))
