@@ -142,7 +142,7 @@ def test_what_of_a_faces_readings_may_be_noise():
     t = np.arange(400)
     signal, noise = 5 * np.sin(2 * np.pi * t / 24), 0.1 * rng.standard_normal(400)
     assert np.corrcoef(noise_within(signal + noise, 0.1), noise)[0, 1] > 0.7
-    assert np.std(noise_within(signal, 0.1)) < 0.02, "what varies more than noise is none"
+    assert np.std(noise_within(signal, 0.1)) < 0.05, "what varies more than noise is none"
 
 
 def test_readings_far_apart_are_thinned_and_not_taken_for_means():

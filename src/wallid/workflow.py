@@ -149,6 +149,9 @@ def _of_window(
 ) -> None:
     """The stages about one window: all but the diagnosis."""
     case = done.case
+    if not case.sensors:
+        _of_fluxes(done, stages, window, weights, integrator, draws, begin)
+        return
     if "design" in stages:
         begin("design", "design: which days tell most")
         with done.timed("design"):
@@ -185,9 +188,30 @@ def _of_window(
             done.lengths = lengths(case, days, lambda found: seconds_of_estimate(case, found, model))
 
 
+def _of_fluxes(
+    done: Run,
+    stages: Sequence[str],
+    window: Window | None,
+    weights: Literal["noise", "none"],
+    integrator: Integrator,
+    draws: int,
+    begin: _Shares,
+) -> None:
+    """A case without a sensor inside: all of its record at once, by the large model."""
+    case = done.case
+    if "estimate" not in stages:
+        large_model(case)  # says what is missing
+    begin("estimate", "estimate: conductivity and heat capacity from the fluxes")
+    window = Window(0, case.record.rows) if window is None else window
+    with done.timed("estimate"):
+        done.fit = estimate(case, window, weights=weights, integrator=integrator, draws=draws)
+
+
 def _check_orders(case: Case, orders: Sequence[int]) -> None:
     """Refuse orders that cannot be learned before anything long begins."""
     largest = case.choices.nodes - 2
+    if orders and not case.sensors:
+        raise InputError("--orders: fluxes are estimated by the large model, so no reduced model is learned")
     if orders and case.choices.model == "lom":
         raise InputError('--orders: the case\'s model is "lom", so no reduced model is learned; take --model mim')
     if wrong := [order for order in orders if not 1 <= order <= largest]:
