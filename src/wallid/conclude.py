@@ -164,6 +164,7 @@ def _finite(settled: Settled) -> bool:
 def simple(told: Told) -> Estimate:
     """The paper's: plain weights, whose standard error takes noise and positions for white."""
     case, data, fit = told.case, told.data, told.fit
+    assert fit is not None
     present, weight, residual = told.present, np.asarray(data.weight), np.asarray(fit.residual)
     count = int(fit.trace.count)
     value = float(fit.trace.parameters[count - 1, 0])

@@ -182,7 +182,8 @@ class Settled:
         for name, count in groups.items():
             used += count
             if count:
-                R = np.linalg.qr(J[:, :used][:, ::-1], mode="r")  # ln(alpha) last: its row is what the rest leave
+                # ln(alpha) last: its row is what the rest leave
+                R = np.asarray(np.linalg.qr(J[:, :used][:, ::-1], mode="r"))
                 variance[name] = float(1.0 / R[-1, -1] ** 2) - sum(variance.values())
         total = sum(variance.values())
         return {name: part / total for name, part in variance.items()}
@@ -229,6 +230,7 @@ def settle(
     conductivity = first_conductivity(case, window) if names.fluxes else 0.0
     lowest, highest = told_range(case, window)
     value, found, settled = float(np.clip(first, lowest, highest)), np.zeros(names.count), None
+    chi_square = 1.0
     for rounds in range(1, _MOST_ROUNDS + 1):
         free = free_at(case, window, data, names, float(start), value, found, large, conductivity)
         now = conductivity * math.exp(free.log_std * found[names.conductivity]) if names.fluxes else 0.0

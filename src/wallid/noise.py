@@ -105,7 +105,8 @@ class Noise:
         """
         share = student(self.freedom) if np.isfinite(self.freedom) else normal
         top = 1e3 * self.ratio.max()
-        return float(brentq(lambda q: self.chance @ share.cdf(q / self.ratio) - 0.975, 0.0, top))
+        found = brentq(lambda q: self.chance @ share.cdf(q / self.ratio) - 0.975, 0.0, top, full_output=True)[1]
+        return float(found.root)
 
     @property
     def widening(self) -> float:
@@ -242,7 +243,7 @@ def estimate_noise(
     """
     likelihood = _Whittle(model, residual, directions)
     grid = [(lasting, rho) for lasting in _SHARES for rho in _CORRELATIONS]
-    sizes, costs, totals = (1.0, 0.0, 0.8), np.zeros(len(grid)), np.zeros(len(grid))
+    lasting, rho, sizes, costs, totals = 0.0, 0.8, (1.0, 0.0, 0.8), np.zeros(len(grid)), np.zeros(len(grid))
     for _ in range(2):
         likelihood.take_out(sizes)
         costs, totals = np.array([likelihood.cost(*point) for point in grid]).T
