@@ -63,7 +63,8 @@ def estimate(
 
     Arguments:
         window: None for the whole record.
-        model: None for the case's choice: the large model, or a reduced one learned for the window.
+        model: None for the case's choice: the large model, or a reduced one learned for the window. With heat flux in
+            the record the large model is taken, whatever is given.
         start: m2/s; None for the case's prior.
         weights: the full covariance of the readings, or the paper's plain sum of squares, whose standard error
             takes the paper's simple sigma for white noise.

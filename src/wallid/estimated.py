@@ -85,8 +85,8 @@ class Estimate:
             f"residual     {self._left()} root mean square, "
             f"reduced chi-square {self.reduced_chi_square:.2f}; {self.noise}",
         ]
-        if self.thermal is not None:
-            lines.append(str(self.thermal))
+        if self.thermal is not None:  # plain averages stand by themselves, what follows from the estimate does not
+            lines += [str(self.thermal)] if self.reliable else [str(average) for average in self.thermal.averages]
         if self.shares:
             lines.append("variance     " + ", ".join(f"{name} {share:.0%}" for name, share in self.shares.items()))
         if self.bootstrap is not None:

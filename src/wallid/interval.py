@@ -92,7 +92,9 @@ class Settled:
 
     @cached_property
     def inverse(self) -> np.ndarray:
-        """What each whitened reading and each prior does to each parameter, `(param, row)`."""
+        """What each whitened reading and each prior does to each parameter, `(param, row)`; NaN where it failed."""
+        if not np.all(np.isfinite(self.jacobian)):
+            return np.full(self.jacobian.shape[::-1], np.nan)
         size = np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300)
         return np.linalg.pinv(self.jacobian / size, rcond=1e-13) / size[:, None]
 
