@@ -18,6 +18,7 @@ from .discrepancy import Explanation, explain
 from .estimate import Estimate, estimate, seconds_of_estimate
 from .experiment import Experiment, Window, experiment, fit_profile, large_model, scales
 from .exponential import Exponential
+from .iso9869 import Average, average_method
 from .learning import learn, learning_signals
 from .lom import Output, lom
 from .mim import Learned, Signals, choose_order, learn_system, sweep_orders
@@ -26,6 +27,7 @@ from .reliability import Loads, Reliability, reliability
 from .sensitivity import autodiff, explicit
 from .simulate import propagate, simulate, stable_substeps
 from .statespace import StateSpace
+from .thermal import Thermal
 from .wall import InputError, Layer, Scales, Sensor, Wall
 
 __version__ = _version("wallid")
@@ -39,6 +41,7 @@ def __getattr__(name: str):
 
 
 __all__ = [
+    "Average",
     "Case",
     "Design",
     "Estimate",
@@ -57,9 +60,11 @@ __all__ = [
     "Sensor",
     "Signals",
     "StateSpace",
+    "Thermal",
     "Wall",
     "Window",
     "autodiff",
+    "average_method",
     "choose_order",
     "design",
     "estimate",

@@ -36,6 +36,11 @@ class Choices:
         max_iterations: of Gauss-Newton.
         largest_interval_factor: upper over lower end of a 95 % interval past which the record is
             said not to hold the diffusivity.
+        noise: "estimated": the noise's size, and the share and memory of a correlated remainder, are the
+            record's where it tells them; "stated": as the case states it, white, and a misfit widens the interval;
+            "robust": readings weighted as stated, the interval by the noise that is then found. None takes
+            "estimated", with a heat flux "robust": what a wall's model leaves in a flux is misfit with a long
+            memory, whose covariance would let the fast changes alone decide.
 
     Raises:
         InputError: a value beyond its limits.
@@ -53,9 +58,12 @@ class Choices:
     diagnose_days: float | None = None
     max_iterations: int = 100
     largest_interval_factor: float = 3.0
+    noise: Literal["estimated", "stated", "robust"] | None = None
 
     def __post_init__(self) -> None:
         one_of("model", self.model, ("mim", "lom"))
+        if self.noise is not None:
+            one_of("noise", self.noise, ("estimated", "stated", "robust"))
         settle(
             self,
             window_days=number("window_days", self.window_days, "days", above=0.0, most=_MOST_DAYS),

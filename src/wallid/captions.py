@@ -43,10 +43,20 @@ def _design(run: Run) -> str:
 def _estimate(run: Run) -> str:
     if run.fit is None:
         return ""
-    gap = float(np.sqrt(np.nanmean(run.fit.residual**2)))
+    gap = float(np.sqrt(np.nanmean(run.fit.residual[:, : run.fit.sensors] ** 2)))
     return (
         f"The estimate goes to {run.fit.value:.4g} m2/s in {run.fit.iterations} steps; simulated and measured "
         f"temperatures differ by {gap:.2g} K root mean square."
+    )
+
+
+def _flux(run: Run) -> str:
+    if run.fit is None or run.fit.thermal is None:
+        return ""
+    told, left = run.fit.thermal, run.fit.residual[:, run.fit.sensors :]
+    return (
+        f"Measured and simulated heat flux of {len(told.gains)} plate(s), {np.sqrt(np.nanmean(left**2)):.2g} W/m2 root "
+        f"mean square apart; resistance {told.resistance.value:.3g} m2K/W."
     )
 
 
@@ -115,6 +125,11 @@ CAPTIONS: dict[str, tuple[str, Alternative]] = {
         "How uncertain single readings are: sensor noise, and what an error of position makes of the gradient; beside "
         "it the profile at the window's start.",
         _said("Combined measurement uncertainty of each sensor over the record, and the initial profile."),
+    ),
+    "flux": (
+        "Heat flux at the faces, measured (dots) and simulated. The first readings are left out: they follow from the "
+        "initial profile's short waves, which nothing tells.",
+        _flux,
     ),
     "loads": (
         "Heat flux through the inner face and the energy that passes, with the estimate and with the prior.",

@@ -45,12 +45,21 @@ Integrator = Annotated[
 ]
 Weights = Annotated[
     Literal["noise", "none"],
-    typer.Option("--weights", help="Each reading by its sensor's noise, or the paper's plain sum of squares."),
+    typer.Option("--weights", help="The readings' full covariance, or the paper's plain sum of squares and sigma."),
 ]
 Orders = Annotated[
     str,
     typer.Option(
         "--orders", metavar="LIST", help='Also learn these orders for the figure of error against order: "2,5,10".'
+    ),
+]
+Draws = Annotated[
+    int,
+    typer.Option(
+        "--bootstrap",
+        metavar="N",
+        min=0,
+        help="Check the interval by estimating again from N records that the fitted model draws (200 will do).",
     ),
 ]
 From = Annotated[
@@ -102,6 +111,7 @@ def run(
     weights: Weights = "noise",
     integrator: Integrator = "propagator",
     orders: Orders = "",
+    bootstrap: Draws = 0,
     out: Out = OUT,
     json: Json = False,
     quiet: Quiet = False,
@@ -111,7 +121,8 @@ def run(
     Whether an effect is missing from the model is not asked here (the verdict stays null): see
     `wallid diagnose`.
     """
-    _go(case, model, workflow.STAGES, out, json, quiet, orders=orders, weights=weights, integrator=integrator)
+    options = {"weights": weights, "integrator": integrator, "draws": bootstrap}
+    _go(case, model, workflow.STAGES, out, json, quiet, orders=orders, **options)
 
 
 @app.command()
@@ -205,12 +216,14 @@ def estimate(
     weights: Weights = "noise",
     integrator: Integrator = "propagator",
     from_row: From = None,
+    bootstrap: Draws = 0,
     out: Out = OUT,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """The diffusivity from the best window (or from one that you name), without the rest."""
-    _go(case, model, ("design", "learn", "estimate"), out, json, quiet, integrator=integrator, from_row=from_row)
+    options = {"weights": weights, "integrator": integrator, "draws": bootstrap}
+    _go(case, model, ("design", "learn", "estimate"), out, json, quiet, from_row=from_row, **options)
 
 
 @app.command()
@@ -234,7 +247,7 @@ def _go(
     *,
     from_row: int | None = None,
     orders: str = "",
-    **choices: str,
+    **choices: str | int,
 ) -> None:
     """Load, run, write, print; every message to standard error but the summary or the JSON."""
     from . import report

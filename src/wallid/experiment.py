@@ -219,7 +219,7 @@ def experiment(case: Case, window: Window | None = None, *, weighted: bool = Tru
     profile = fit_profile(case, window.row)
     offset_std = np.array([sensor.offset_std for sensor in case.sensors])
     present = np.isfinite(part.sensors)
-    if not present.any():
+    if not present.any() and not (part.regressors.keys() & {"flux_left", "flux_right"}):
         raise InputError(
             f"{case.record.file}: no inner sensor has a reading from {part.stamp(0)} on, over {window.rows} rows; "
             "take another window"
@@ -244,10 +244,10 @@ def large_model(case: Case, extra: Sequence[Output] = ()) -> StateSpace:
     Raises:
         InputError: the case has no inner sensor, or fewer nodes than its layers need.
     """
-    if not case.sensors:
+    if not case.sensors and not extra:
         raise InputError(
-            f"{case.path}: no [[sensor]]: a diffusivity needs a temperature inside the wall; estimating from heat "
-            "flux alone is not there yet"
+            f"{case.path}: no [[sensor]]: this needs a temperature inside the wall; `wallid estimate` and `wallid run` "
+            "take a case with heat flux alone"
         )
     sensors = [Output(sensor.position, name=sensor.name) for sensor in case.sensors]
     degree = profile_degree(case)

@@ -27,6 +27,7 @@ STEMS = (
     "reliability",
     "uncertainty",
     "loads",
+    "flux",
     "missing",
     "residuals",
     "remainder",
@@ -52,8 +53,10 @@ def figures(run: Run) -> Iterator[tuple[str, Figure]]:
             made, ax = plot.figure(height=3.2)
             plot.orders(ax, run.orders)
             yield "orders", made
-        if run.fit is not None:
+        if run.fit is not None and run.case.sensors:
             yield "estimate", _estimate_figure(run)
+        if run.fit is not None and run.fit.thermal is not None:
+            yield "flux", _flux_figure(run)
         if run.reliability is not None:
             yield "reliability", _reliability_figure(run)
             yield "uncertainty", _uncertainty_figure(run)
@@ -99,6 +102,15 @@ def _estimate_figure(run: Run) -> Figure:
     plot.convergence(axes[0, 0], axes[0, 1], run.fit)
     plot.measured_against_simulated(axes[1, 0], run.case, run.fit)
     plot.residual(axes[1, 1], run.case, run.fit)
+    return made
+
+
+def _flux_figure(run: Run) -> Figure:
+    assert run.fit is not None and run.fit.thermal is not None
+    plates = len(run.fit.thermal.gains)
+    made, axes = plot.figure(plates, 1, width=8.0, height=2.8)
+    for p, ax in enumerate(np.ravel(axes)):
+        plot.measured_flux(ax, run.case, run.fit, p)
     return made
 
 

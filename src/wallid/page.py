@@ -103,6 +103,12 @@ def answer(run: Run, result: dict[str, Any]) -> str:
         return run.explanation.sentence
     if run.unreliable:
         return f"This record gives no number to rely on: {run.unreliable}."
+    if run.fit is not None and run.fit.thermal is not None:
+        told = run.fit.thermal
+        return (
+            f"From face to face the wall has a resistance of {unit(str(told.resistance))}, and with the standard "
+            f"surface resistances a U-value of {unit(str(told.transmittance))}."
+        )
     if run.fit is not None:
         gap = result["gap"]
         return (

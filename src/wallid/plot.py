@@ -117,6 +117,19 @@ def measured_against_simulated(ax: Axes, case: Case, fit: Estimate) -> None:
     ax.legend(ncols=3)
 
 
+def measured_flux(ax: Axes, case: Case, fit: Estimate, plate: int) -> None:
+    """A plate's readings and the model's flux over the estimate's window."""
+    assert fit.thermal is not None
+    face = list(fit.thermal.gains)[plate]
+    days = _window_days(case, fit.window)
+    part = case.record.window(fit.window.row, fit.window.rows)
+    ax.plot(days, part.regressors[f"flux_{face}"], ".", ms=3, color=colour(plate), alpha=0.6, label="measured")
+    there = np.isfinite(fit.residual[:, fit.sensors + plate])
+    ax.plot(days[there], fit.predicted[there, fit.sensors + plate], color=GREY, label="simulated")
+    ax.set(xlabel=DAYS, ylabel="heat flux (W/m²)", title=f"Flux at the {face} face, positive to the right")
+    ax.legend(ncols=2)
+
+
 def residual(ax: Axes, case: Case, fit: Estimate) -> None:
     """Measured minus simulated over the estimate's window."""
     days = _window_days(case, fit.window)
@@ -250,6 +263,7 @@ __all__ = [
     "last_week",
     "loads",
     "measured_against_simulated",
+    "measured_flux",
     "orders",
     "ranked_gains",
     "record",

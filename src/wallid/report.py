@@ -18,6 +18,7 @@ from .discrepancy import Explanation
 from .effects import untestable
 from .estimate import Estimate
 from .experiment import diagnosed, scales
+from .thermal import Thermal
 from .wall import InputError
 from .workflow import Run
 
@@ -35,21 +36,28 @@ def result(run: Run) -> dict[str, Any]:
     found["verdict"] = "uninformative" if run.unreliable else None
     found |= {"effects": [], "gap": None, "iterations": None, "reason": run.unreliable or None}
     if fit is not None:
-        gap = float(np.sqrt(np.nanmean(fit.residual**2)))
-        found["gap"] = {
-            "before_K": gap,
-            "after_K": gap,
-            "floor_K": _floor(run, fit),
-            "held_out_before_K": None,
-            "held_out_after_K": None,
-        }
+        inside = fit.residual[:, : fit.sensors]
+        gap = float(np.sqrt(np.nanmean(inside**2))) if inside.size else None
+        found["gap"] = (
+            None
+            if gap is None
+            else {
+                "before_K": gap,
+                "after_K": gap,
+                "floor_K": _floor(run, fit),
+                "held_out_before_K": None,
+                "held_out_after_K": None,
+            }
+        )
         found["iterations"] = fit.iterations
         profile = fit.profile
         found["initial_profile"] = {"coefficients_degC": profile.coefficients, "eps_2_K": profile.eps_2}
         found["model_shift"] = fit.model_shift
-        found["offsets"] = {
-            name: {"value": value, "std": std, "unit": "K"} for name, (value, std) in fit.offsets.items()
-        }
+        for key, errors, unit in (("offsets", fit.offsets, "K"), ("positions", fit.positions, "m")):
+            found[key] = {name: {"value": value, "std": std, "unit": unit} for name, (value, std) in errors.items()}
+        found["interval"] = _interval(fit)
+    if fit is not None and fit.thermal is not None:
+        found |= _thermal(fit.thermal)
     if run.learned is not None:
         found["reduced_model"] = {
             "order": run.learned.system.order,
@@ -126,10 +134,67 @@ def _quantity(fit: Estimate) -> dict[str, Any]:
     return {"value": fit.value, "std": fit.std, "interval_95": list(fit.interval_95), "unit": "m2/s"}
 
 
+def _interval(fit: Estimate) -> dict[str, Any]:
+    """How the interval was found, and what checked it."""
+    drawn = fit.bootstrap
+    return {
+        "kind": fit.interval_kind,
+        "noise": fit.noise,
+        "variance_shares": fit.shares,
+        "reduced_chi_square": fit.reduced_chi_square,
+        "bootstrap": None
+        if drawn is None
+        else {
+            "draws": drawn.draws,
+            "seed": drawn.seed,
+            "std": drawn.std,
+            "interval_95": list(drawn.interval_95),
+            "bias_in_standard_errors": drawn.bias,
+            "unit": "m2/s",
+        },
+    }
+
+
+def _thermal(told: Thermal) -> dict[str, Any]:
+    """What the fluxes told, and the average method beside it."""
+    names = ("conductivity", "heat_capacity", "resistance", "areal_heat_capacity", "transmittance")
+    units = ("W/m/K", "J/m3/K", "m2 K/W", "J/m2/K", "W/m2/K")
+    found: dict[str, Any] = {
+        name: {"value": q.value, "std": q.std, "interval_95": list(q.interval_95), "unit": unit}
+        for name, unit in zip(names, units, strict=True)
+        for q in [getattr(told, name)]
+    }
+    found["plate_gains"] = {
+        f"flux_{face}": {"value": value, "std": std, "unit": "-"} for face, (value, std) in told.gains.items()
+    }
+    found["iso_9869"] = {
+        f"flux_{one.face}": {
+            "resistance": one.resistance,
+            "resistance_without_stored_heat": one.corrected,
+            "unit": "m2 K/W",
+            "days": one.days,
+            "three_days": one.three_days,
+            "within_5_percent_of_a_day_before": one.day_before,
+            "first_and_last_two_thirds_within_5_percent": one.two_thirds,
+            "change_of_a_day": one.change_of_a_day,
+            "first_to_last": one.first_to_last,
+            "complete": one.complete,
+        }
+        for one in told.averages
+    }
+    held = told.held_out
+    found["held_out_flux"] = (
+        None
+        if held is None
+        else {"coverage_95": held.coverage, "rms_W_per_m2": held.rms, "hours": held.hours, "readings": held.readings}
+    )
+    return found
+
+
 def _floor(run: Run, fit: Estimate) -> float:
     """The root mean square that the stated noise alone would leave in the rows used."""
     noise = np.array([sensor.noise_std for sensor in run.case.sensors])
-    present = np.isfinite(fit.residual)
+    present = np.isfinite(fit.residual[:, : fit.sensors])
     return float(np.sqrt(np.sum(present * noise**2) / present.sum()))
 
 

@@ -13,7 +13,7 @@ from .case import Case
 from .check import Check, check
 from .design import Design, Lengths, design, lengths
 from .discrepancy import Explanation, explain
-from .estimate import Estimate, estimate, seconds_of_estimate
+from .estimate import Estimate, check_draws, estimate, seconds_of_estimate
 from .experiment import Window, large_model, whole
 from .learning import learn, learning_signals
 from .mim import Learned, sweep_orders
@@ -95,6 +95,7 @@ def run(
     orders: Sequence[int] = (),
     weights: Literal["noise", "none"] = "noise",
     integrator: Integrator = "propagator",
+    draws: int = 0,
     progress: Progress = lambda stage, share: None,
 ) -> Run:
     """The method on a case; the stages asked for, in their order.
@@ -104,6 +105,7 @@ def run(
         orders: reduced models to learn for the figure of error against order.
         weights: of the estimate's readings.
         integrator: how the design's, the learning's and the estimate's rows are stepped through.
+        draws: of a bootstrap that checks the estimate's interval; 0 for none.
         progress: told of each stage.
 
     Raises:
@@ -111,13 +113,14 @@ def run(
     """
     done = Run(case)
     _check_orders(case, orders)
+    check_draws(draws, weights)
     begin = _Shares(stages, len(orders), progress)
     if "check" in stages:
         begin("check", "check: what the record holds")
         with done.timed("check"):
             done.check = check(case)
     if set(stages) - {"diagnose", "check"}:
-        _of_window(done, stages, window, orders, weights, integrator, begin)
+        _of_window(done, stages, window, orders, weights, integrator, draws, begin)
     if "diagnose" in stages:
         begin("diagnose", "diagnose: what the plain model misses")
         with done.timed("diagnose"):
@@ -161,10 +164,14 @@ def _of_window(
     orders: Sequence[int],
     weights: Literal["noise", "none"],
     integrator: Integrator,
+    draws: int,
     begin: _Shares,
 ) -> None:
     """The stages about one window: all but the diagnosis."""
     case = done.case
+    if not case.sensors:
+        _of_fluxes(done, stages, window, weights, integrator, draws, begin)
+        return
     if "design" in stages:
         begin("design", "design: which days tell most")
         with done.timed("design"):
@@ -186,9 +193,10 @@ def _of_window(
     else:
         model = large_model(case)
     if "estimate" in stages:
-        begin("estimate", "estimate: Gauss-Newton")
+        checked = f", then {draws} draws of a bootstrap" if draws else ""
+        begin("estimate", f"estimate: Gauss-Newton{checked}")
         with done.timed("estimate"):
-            done.fit = estimate(case, window, model, weights=weights, integrator=integrator)
+            done.fit = estimate(case, window, model, weights=weights, integrator=integrator, draws=draws)
     if "reliability" in stages and done.fit is not None:
         begin("reliability", "reliability: the whole record")
         with done.timed("reliability"):
@@ -200,9 +208,30 @@ def _of_window(
             done.lengths = lengths(case, days, lambda found: seconds_of_estimate(case, found, model))
 
 
+def _of_fluxes(
+    done: Run,
+    stages: Sequence[str],
+    window: Window | None,
+    weights: Literal["noise", "none"],
+    integrator: Integrator,
+    draws: int,
+    begin: _Shares,
+) -> None:
+    """A case without a sensor inside: all of its record at once, by the large model."""
+    case = done.case
+    if "estimate" not in stages:
+        large_model(case)  # says what is missing
+    begin("estimate", "estimate: conductivity and heat capacity from the fluxes")
+    window = Window(0, case.record.rows) if window is None else window
+    with done.timed("estimate"):
+        done.fit = estimate(case, window, weights=weights, integrator=integrator, draws=draws)
+
+
 def _check_orders(case: Case, orders: Sequence[int]) -> None:
     """Refuse orders that cannot be learned before anything long begins."""
     largest = case.choices.nodes - 2
+    if orders and not case.sensors:
+        raise InputError("--orders: fluxes are estimated by the large model, so no reduced model is learned")
     if orders and case.choices.model == "lom":
         raise InputError('--orders: the case\'s model is "lom", so no reduced model is learned; take --model mim')
     if wrong := [order for order in orders if not 1 <= order <= largest]:

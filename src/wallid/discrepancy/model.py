@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 from ..effects import AbstractEffect, Campaign, Terms
 from ..extended import face_response, first_order, respond
+from ..noise import Bins
 
 PROFILE_MODES = 8
 _CHUNK = 4  # columns at once: more would not fit the cache
@@ -71,34 +72,6 @@ class Model(eqx.Module):
                 terms = effect.at(values).extend(terms, self.campaign)
             used += len(effect.parameters)
         return terms
-
-
-class Bins(eqx.Module):
-    """Readings put together over so many rows.
-
-    Arguments:
-        observed: degC, 0 where missing. present: 1 where there is a reading.
-        rows: of a bin.
-    """
-
-    observed: Float[Array, "time sensor"]
-    present: Float[Array, "time sensor"]
-    rows: int = eqx.field(static=True)
-
-    def mean(self, values: Float[Array, "time sensor"]) -> Float[Array, " reading"]:
-        """The mean of the rows present in each bin, sensor by sensor; 0 in an empty one."""
-        count = self._sum(self.present)
-        total = self._sum(values * self.present)
-        return (total / jnp.maximum(count, 1.0)).T.reshape(-1)
-
-    def counts(self) -> Float[Array, "bin sensor"]:
-        """How many rows of each bin have a reading."""
-        return self._sum(self.present)
-
-    def _sum(self, values: Array) -> Array:
-        short = -values.shape[0] % self.rows
-        padded = jnp.pad(values, ((0, short), (0, 0)))
-        return padded.reshape(-1, self.rows, values.shape[1]).sum(axis=1)
 
 
 def first_order_columns(

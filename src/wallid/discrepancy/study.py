@@ -22,13 +22,12 @@ from ..effects import AIRS, SIDES, AbstractEffect, Campaign, Search, library, re
 from ..experiment import diagnosed
 from ..extended import LONGEST_SUBSTEP
 from ..lom import wall_cells
+from ..noise import MOST_READINGS, Bins
 from ..record import Record
 from ..statespace import require_x64
 from ..wall import InputError
-from .model import PROFILE_MODES, Bins, Model, first_order_columns, impulses, linearise
+from .model import PROFILE_MODES, Model, first_order_columns, impulses, linearise
 
-MOST_READINGS = 1500
-"""Rows are put together in bins until there are no more readings than this: their covariance is dense."""
 _NODES = 61
 
 

@@ -1,0 +1,247 @@
+"""From a minimum to an estimate: its interval, its verdict, and the paper's simple one beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+
+from .bootstrap import bootstrap
+from .case import Case
+from .estimated import Estimate
+from .experiment import Experiment, Window, fit_profile, large_model, scales
+from .gauss_newton import Trace
+from .interval import NORMAL_95, Settled, settle
+from .least_squares import Fit, apart, covariance, simple_sigma
+from .likelihood import HIGHEST, LOWEST
+from .simulate import Integrator
+from .statespace import StateSpace
+
+_FAR = 3.0  # from the prior: the prior is tried as a start as well
+_MOST_MINIMA = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What the paper's iteration gave, and what it was given."""
+
+    case: Case
+    window: Window
+    data: Experiment
+    system: StateSpace
+    fit: Fit | None
+    reduced: bool
+    words: str
+
+    @property
+    def present(self) -> np.ndarray:
+        """Where there is a reading."""
+        return np.asarray(self.data.weight) > 0
+
+    def apart(self, diffusivity: float) -> np.ndarray | None:
+        """The large model's predictions less the reduced one's, K; None for the large one."""
+        if not self.reduced or not np.isfinite(diffusivity):
+            return None
+        fourier = jnp.asarray(scales(self.case).fourier(diffusivity))
+        return np.asarray(apart(large_model(self.case), self.system, self.data, fourier))
+
+    def history(self, traces: tuple[Trace, ...] = ()) -> dict[str, np.ndarray]:
+        """The iterates, those of later rounds appended."""
+        start = self.case.wall.diffusivity_prior
+        rows = [] if self.fit is None else [_rows(self.fit.trace, self.fit.trace.parameters[:, 0])]
+        rows += [_rows(trace, start * np.exp(trace.parameters[:, 0])) for trace in traces]
+        return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+
+    def finished(self, **found) -> Estimate:
+        """An estimate with what every kind of it has."""
+        return Estimate(
+            iterations=0 if self.fit is None else int(self.fit.trace.count) - 1,
+            evaluations=0 if self.fit is None else int(self.fit.evaluations),
+            profile=fit_profile(self.case, self.window.row),
+            model=self.words,
+            window=self.window,
+            **found,
+        )
+
+
+def _rows(trace: Trace, diffusivity) -> dict[str, np.ndarray]:
+    count = int(trace.count)
+    columns = {"diffusivity": diffusivity, "cost": trace.cost, "gamma_1": trace.gamma_1, "gamma_2": trace.gamma_2}
+    return {name: np.asarray(column)[:count] for name, column in columns.items()}
+
+
+def settled_minima(
+    told: Told, eta: float, explicit_theta: bool, integrator: Integrator, start: float | None = None
+) -> tuple[Settled, list[Settled]]:
+    """The best minimum under the full covariance, and others that the record does not exclude.
+
+    Looked for from the paper's estimate, from the prior where that is far away, and from wherever the cost of one of
+    these is lower.
+    """
+    prior = told.case.wall.diffusivity_prior
+    if told.fit is not None:
+        start = float(told.fit.trace.parameters[int(told.fit.trace.count) - 1, 0])
+    first = prior if start is None else start
+    starts = [first] if LOWEST * 1.001 < first < HIGHEST / 1.001 else []
+    if not starts or abs(np.log(first / prior)) > np.log(_FAR):
+        starts.append(prior)
+    found: list[Settled] = []
+    while starts and len(found) < _MOST_MINIMA:
+        one = settle(
+            told.case, told.window, told.data, told.system, starts.pop(0),
+            eta=eta, explicit_theta=explicit_theta, integrator=integrator,
+        )  # fmt: skip
+        found.append(one)
+        if one.interval.deeper is not None:
+            starts.append(prior * float(np.exp(one.interval.deeper)))
+    found = sorted((one for one in found if np.isfinite(one.evidence)), key=lambda one: one.evidence) or found
+    best = found[0]
+    return best, [one for one in found[1:] if one.evidence - best.evidence < best.quantile**2]
+
+
+def conclude(told: Told, settled: Settled, others: list[Settled], draws: int) -> Estimate:
+    """Interval and verdict from the minimum under the full covariance."""
+    case, names, best = told.case, settled.names, settled.minimum
+    value, std_log = settled.diffusivity, settled.log_std
+    apart = told.apart(value)
+    shift = 0.0 if apart is None else settled.model_shift(apart)
+    found = settled.interval
+    low, high = (
+        pick(getattr(one.interval, end) for one in (settled, *others)) for pick, end in ((min, "low"), (max, "high"))
+    )
+    kind = found.kind if (low, high) == (found.low, found.high) else "profile likelihood"
+    ends = [
+        float(np.exp(np.clip(np.sign(end) * np.hypot(end, settled.quantile * shift), -700.0, 700.0))) * value
+        for end in (low - settled.log_alpha, high - settled.log_alpha)
+    ]
+    free, widths = np.asarray(best.parameters)[1:], np.sqrt(np.diag(settled.covariance))[1:]
+    offsets, positions = {}, {}
+    for k, s in enumerate((*names.offsets, *names.positions)):
+        sensor, is_offset = case.sensors[s], k < len(names.offsets)
+        std = sensor.offset_std if is_offset else sensor.position_std
+        (offsets if is_offset else positions)[sensor.name] = (float(std * free[k]), float(std * widths[k]))
+    singular = np.linalg.svd(settled.jacobian, compute_uv=False) if _finite(settled) else np.array([np.nan])
+    bounds = float(settled.problem.lowest), float(settled.problem.highest)
+    reason = _why_unreliable(case, value, (ends[0], ends[1]), singular, bool(best.converged), bounds)
+    reason = reason or _why_too_coarse(shift, std_log)
+    covariance = settled.covariance.copy()
+    covariance[0, 0] += shift**2
+    return told.finished(
+        value=value,
+        std=value * float(np.hypot(std_log, shift)),
+        interval_95=(ends[0], ends[1]),
+        interval_kind=kind,
+        offsets=offsets,
+        positions=positions,
+        result="converged" if bool(best.converged) else "stopped at the largest number of iterations",
+        reliable=not reason,
+        reason=reason,
+        rounds=settled.rounds,
+        history=told.history((best.trace,)),
+        reduced_chi_square=settled.reduced_chi_square,
+        noise=_noise_words(settled),
+        shares=settled.shares() if not reason else {},
+        predicted=np.asarray(best.predicted),
+        residual=np.where(told.present, np.asarray(told.data.observed - best.predicted), np.nan),
+        covariance=covariance,
+        singular_values=singular,
+        model_shift=shift,
+        bootstrap=bootstrap(settled, draws, case.choices.seed) if draws and not reason else None,
+    )
+
+
+def _noise_words(settled: Settled) -> str:
+    if settled.robust is not None:
+        return f"weighted as stated, the interval by {settled.robust}"
+    return str(settled.noise) if settled.estimated else "noise as stated"
+
+
+def _finite(settled: Settled) -> bool:
+    return bool(np.all(np.isfinite(settled.jacobian)))
+
+
+def simple(told: Told) -> Estimate:
+    """The paper's: plain weights, whose standard error takes noise and positions for white."""
+    case, data, fit = told.case, told.data, told.fit
+    assert fit is not None
+    present, weight, residual = told.present, np.asarray(data.weight), np.asarray(fit.residual)
+    count = int(fit.trace.count)
+    value = float(fit.trace.parameters[count - 1, 0])
+    noise = simple_sigma(case, data, value)
+    row_std = np.concatenate([(weight * noise).reshape(-1), np.ones(len(data.offsets))])
+    singular, spread = covariance(np.asarray(fit.jacobian), row_std)
+    beta = np.asarray(fit.parameters[1:])
+    freedom = max(int(present.sum()) - 1, 1)
+    chi_square = float(np.sum((residual / noise)[present] ** 2) + np.sum(beta**2)) / freedom
+    spread = spread * max(1.0, chi_square)
+    noise_std_log, shift = float(np.sqrt(spread[0, 0])), 0.0
+    if (apart := told.apart(value)) is not None:
+        rows = np.concatenate([(weight * apart).reshape(-1), np.zeros(len(data.offsets))])
+        shift = float(np.linalg.lstsq(np.asarray(fit.jacobian), rows)[0][0])
+    spread[0, 0] += shift**2
+    std_log = float(np.sqrt(spread[0, 0]))
+    half = min(NORMAL_95 * std_log, 700.0)  # exp(709) is the largest float
+    interval = (value * float(np.exp(-half)), value * float(np.exp(half)))
+    offset_std = np.asarray(data.offset_std)[list(data.offsets)]
+    names = [case.sensors[s].name for s in data.offsets]
+    reason = _why_unreliable(case, value, interval, singular, bool(fit.converged))
+    reason = reason or _why_too_coarse(shift, noise_std_log)
+    return told.finished(
+        value=value,
+        std=value * std_log,
+        interval_95=interval,
+        offsets={
+            name: (float(std * beta), float(std * np.sqrt(variance)))
+            for name, std, beta, variance in zip(names, offset_std, beta, np.diag(spread)[1:], strict=True)
+        },
+        result="converged" if bool(fit.converged) else "stopped at the largest number of iterations",
+        reliable=not reason,
+        reason=reason,
+        history=told.history(),
+        reduced_chi_square=chi_square,
+        predicted=np.asarray(fit.predicted),
+        residual=np.where(present, residual, np.nan),
+        covariance=spread,
+        singular_values=singular,
+        model_shift=shift,
+    )
+
+
+def _why_unreliable(
+    case: Case,
+    value: float,
+    interval: tuple[float, float],
+    singular: np.ndarray,
+    converged: bool,
+    bounds: tuple[float, float] = (LOWEST, HIGHEST),
+) -> str:
+    """Why the estimate is no number to rely on, or an empty string."""
+    if not np.isfinite(value) or not np.all(np.isfinite(singular)):
+        return "the model gave values that are not finite"
+    if not bounds[0] * 1.001 < value < bounds[1] / 1.001:
+        return f"the estimate ran to the bound of its search, {value:.3g} m2/s: the record does not hold it"
+    if interval[0] <= bounds[0] * 1.001 or interval[1] >= bounds[1] / 1.001:
+        return (
+            f"its 95 % interval, {interval[0]:.3g} to {interval[1]:.3g} m2/s, reaches the bound of what this window "
+            "can tell: the temperatures vary too little for their noise"
+        )
+    factor = interval[1] / interval[0]
+    if factor > case.choices.largest_interval_factor:
+        return (
+            f"its 95 % interval spans a factor of {factor:.3g}, more than {case.choices.largest_interval_factor:g}: "
+            "the temperatures vary too little for their noise"
+        )
+    if not converged:
+        return "the iteration did not converge"
+    return ""
+
+
+def _why_too_coarse(shift: float, noise_std_log: float) -> str:
+    """Why a reduced model cannot be relied on here, or an empty string."""
+    if abs(shift) <= noise_std_log:
+        return ""
+    return (
+        f"the reduced model's own error moves the estimate by {shift:+.1%}, more than the noise does; take a "
+        'higher order, learning_diffusivities around the estimate, or model = "lom"'
+    )

@@ -1,0 +1,272 @@
+"""What is free beside the diffusivity in one window of a case: offsets, position errors, the initial profile.
+
+None of it is noise: each is a constant with a prior, which the case states (`offset_std`, `position_std`) or the
+record's span gives (the initial profile, whose polynomial goes through few readings).
+
+Sensors on one logger share some of its noise. Where the faces hardly vary, the share that the inner sensors have in
+common with them looks like heat that comes through at once, an endless diffusivity. What of a face's readings may be
+noise (a Wiener filter by the noise as stated) is therefore let into the inner readings, with a free share.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from scipy.fft import dct, idct
+from scipy.ndimage import uniform_filter1d
+from scipy.special import erfcinv
+
+from .case import Case
+from .experiment import Experiment, Window, fit_profile, large_model, scales
+from .likelihood import HIGHEST, LOWEST, Free
+from .lom import Output, lom
+from .noise import MOST_READINGS, Bins
+from .sensitivity import explicit
+from .statespace import StateSpace
+
+PROFILE_MODES = 8
+FLUX_NOISE_STD = 1.0  # W/m2
+FLUX_GAIN_STD = 0.05  # as ISO 9869-1 expects of a calibrated plate
+_LEAST_SPAN = 1.0  # K, of the temperatures that the initial profile may lie between
+_SMOOTHED = 9  # frequencies
+_TOLD = 0.01
+_EDGE = 1e-3  # of the length: a sensor that moves stays that far inside
+
+
+@dataclass(frozen=True)
+class Names:
+    """Which parameters are free, in their order: offsets, positions, common noise, modes.
+
+    Arguments:
+        offsets, positions: the sensors that have one, by place.
+        common: the faces, whose noise the inner sensors may share.
+        modes: how many.
+        fluxes: the faces ("left", "right") with a plate: ln(conductivity) and the plates' gains come last.
+    """
+
+    offsets: tuple[int, ...]
+    positions: tuple[int, ...]
+    common: tuple[int, ...]
+    modes: int
+    fluxes: tuple[str, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Of all of them."""
+        return self.conductivity + (1 + len(self.fluxes) if self.fluxes else 0)
+
+    @property
+    def conductivity(self) -> int:
+        """The place of ln(conductivity), where there is a flux."""
+        return self.errors + len(self.common) + self.modes
+
+    @property
+    def constants(self) -> np.ndarray:
+        """Among ln(alpha) and all of these, the constant errors of instruments: offsets, positions, gains."""
+        place = np.arange(1 + self.count)
+        return ((place > 0) & (place <= self.errors)) | (place > self.conductivity + 1)
+
+    @property
+    def errors(self) -> int:
+        """Of offsets and positions."""
+        return len(self.offsets) + len(self.positions)
+
+
+def names_of(case: Case, window: Window) -> Names:
+    """What a case leaves free: no mode where the initial profile was given."""
+    known = fit_profile(case, window.row).eps_2 is None
+    plates = fluxes_of(case)
+    return Names(
+        offsets=tuple(s for s, sensor in enumerate(case.sensors) if sensor.offset_std > 0),
+        positions=tuple(s for s, sensor in enumerate(case.sensors) if sensor.position_std > 0),
+        common=(0, 1) if case.record.boundary_noise_std > 0 and case.sensors else (),
+        modes=0 if known else min(PROFILE_MODES, case.choices.nodes - 2),
+        fluxes=plates,
+    )
+
+
+def free_at(
+    case: Case,
+    window: Window,
+    data: Experiment,
+    names: Names,
+    start: float,
+    diffusivity: float,
+    found: np.ndarray,
+    large: StateSpace,
+    conductivity: float = 1.0,
+) -> Free:
+    """What is free as it acts about a diffusivity and the parameters found so far.
+
+    Arguments:
+        start, diffusivity: m2/s; ln(diffusivity/start) is where the positions are linear.
+        found: parameters in prior standard deviations, about whose positions the model is made linear.
+        large: the case's large model with all outputs.
+        conductivity: W/m/K, about which that of a case with a flux is looked for.
+    """
+    rows, channels = data.observed.shape
+    sensors = channels - len(names.fluxes)
+    linear = names.errors + len(names.common)
+    columns, at = np.zeros((linear, rows, channels)), np.zeros(linear)
+    for k, s in enumerate(names.offsets):
+        columns[k, :, s] = case.sensors[s].offset_std
+    moved, moved_slope = np.zeros((2, rows, channels))
+    if names.positions:
+        first = len(names.offsets)
+        about = found[first : names.errors]
+        gradient, moved[:, :sensors], moved_slope[:, :sensors], reached = _moved(case, data, names, diffusivity, about)
+        at[first : names.errors] = reached
+        for k, s in enumerate(names.positions, start=first):
+            columns[k, :, s] = case.sensors[s].position_std * gradient[:, s]
+    faces = np.asarray(case.record.window(window.row, window.rows).faces)
+    for k, side in enumerate(names.common, start=names.errors):
+        columns[k, :, :sensors] = noise_within(faces[:, side], case.record.boundary_noise_std)[:, None]
+    modes = names.modes
+    part = window_span(case, window)
+    return Free(
+        columns=columns,
+        at=at,
+        moved=moved,
+        moved_slope=moved_slope,
+        log_alpha=math.log(diffusivity / start),
+        rates=np.asarray(large.A)[::-1][:modes],
+        shapes=np.asarray(large.C)[:, ::-1][:, :modes],
+        mode_std=part / np.arange(1, modes + 1),
+        flux=np.full(len(names.fluxes), conductivity / case.wall.length * float(data.temperature)),
+        gain_std=np.full(len(names.fluxes), flux_gain_std(case)),
+    )
+
+
+def fluxes_of(case: Case) -> tuple[str, ...]:
+    """The faces with a flux plate."""
+    return tuple(face for face in ("left", "right") if f"flux_{face}" in case.record.regressors)
+
+
+def flux_noise_std(case: Case) -> float:
+    """Of each flux reading, W/m2; `FLUX_NOISE_STD` where the case does not state it."""
+    stated = case.record.flux_noise_std
+    return FLUX_NOISE_STD if stated is None else stated
+
+
+def flux_gain_std(case: Case) -> float:
+    """Of each plate's calibration, 1; `FLUX_GAIN_STD` where the case does not state it."""
+    stated = case.record.flux_gain_std
+    return FLUX_GAIN_STD if stated is None else stated
+
+
+def with_flux(case: Case, window: Window, data: Experiment) -> Experiment:
+    """The experiment with the plates' readings after the sensors', W/m2.
+
+    Their first rows are left out, until the initial profile's waves that are shorter than its free modes have faded
+    (at the prior diffusivity, to a hundredth): a face's flux feels them more than any sensor inside.
+    """
+    plates = fluxes_of(case)
+    if not plates or data.observed.shape[1] > len(case.sensors):  # none, or they are there
+        return data
+    part = case.record.window(window.row, window.rows)
+    flux = np.stack([part.regressors[f"flux_{face}"] for face in plates], axis=1)
+    fade = math.log(1.0 / _TOLD) * case.wall.length**2 / ((PROFILE_MODES + 1) * math.pi) ** 2
+    first = int(np.clip(np.ceil(fade / case.wall.diffusivity_prior / part.step), 1, window.rows // 10))
+    there = np.isfinite(flux) & (np.arange(window.rows) >= first)[:, None]
+    observed = np.concatenate([np.asarray(data.observed), np.where(there, flux, 0.0)], axis=1)
+    weight = np.concatenate([np.asarray(data.weight), there / flux_noise_std(case)], axis=1)
+    return eqx.tree_at(lambda d: (d.observed, d.weight), data, (jnp.asarray(observed), jnp.asarray(weight)))
+
+
+def whole_model(case: Case) -> StateSpace:
+    """The case's large model with the sensors, then the plates, as outputs."""
+    places = {"left": 0.0, "right": case.wall.length}
+    return large_model(case, [Output(places[face], "flux", f"flux_{face}") for face in fluxes_of(case)])
+
+
+def told_range(case: Case, window: Window) -> tuple[float, float]:
+    """Between which diffusivities a window can tell one from another, m2/s.
+
+    Below the lowest, less than a hundredth of what a face does in the whole window comes as far as the nearest
+    sensor, `erfc(d / (2 sqrt(alpha t))) = 0.01`: what it reads is the initial profile. Above the highest, the wall's
+    delay behind its faces, `L^2 / (8 alpha)`, is less than a hundredth of a row: it reads what they read. With fluxes
+    alone, the wall's memory `L^2 / (pi^2 alpha)` must not be longer than the window: what heat it holds at the start
+    could explain any flux.
+
+    Source: Carslaw and Jaeger, Conduction of Heat in Solids (1959), 2.4 and 3.5.
+    """
+    length, seconds = case.wall.length, case.record.step * window.rows
+    lowest = length**2 / (math.pi**2 * seconds)
+    if case.sensors:
+        near = min(min(sensor.position, length - sensor.position) for sensor in case.sensors)
+        lowest = near**2 / (4.0 * float(erfcinv(_TOLD)) ** 2 * seconds)
+    highest = length**2 / (8.0 * _TOLD * case.record.step)
+    return max(LOWEST, lowest), min(HIGHEST, highest)
+
+
+def noise_within(readings: np.ndarray, std: float) -> np.ndarray:
+    """What of a face's readings may be white noise of this size, K: `min(1, std^2 / P)` of each frequency.
+
+    `P` is the readings' own power, smoothed over neighbouring frequencies.
+    """
+    spectrum = np.asarray(dct(readings - readings.mean(), type=2, norm="ortho"))
+    power = uniform_filter1d(spectrum**2, min(_SMOOTHED, len(readings)), mode="nearest")
+    share = std**2 / np.maximum(power, std**2)
+    return np.asarray(idct(share * spectrum, type=2, norm="ortho"))
+
+
+def window_span(case: Case, window: Window) -> float:
+    """From the coldest reading of a window to the warmest, K, at least `_LEAST_SPAN`."""
+    part = case.record.window(window.row, window.rows)
+    readings = np.concatenate([part.faces.ravel(), part.sensors.ravel()])
+    return max(_LEAST_SPAN, float(np.nanmax(readings) - np.nanmin(readings)))
+
+
+def _moved(
+    case: Case, data: Experiment, names: Names, diffusivity: float, at: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Gradient where the sensors are thought to be, K/m; what being there adds, K; its slope by ln(alpha); and `at`.
+
+    All by the large model, as a reduced one knows only the places that it learned.
+    """
+    length, stated = case.wall.length, np.array([sensor.position for sensor in case.sensors])
+    std = np.array([case.sensors[s].position_std for s in names.positions])
+    places = stated.copy()
+    places[list(names.positions)] += std * at
+    places = np.clip(places, _EDGE * length, (1 - _EDGE) * length)
+    outputs = [Output(x) for x in (*stated, *places)] + [Output(x, "gradient") for x in places]
+    degree = data.initial.shape[0] - 1
+    system = lom(case.wall, outputs, nodes=case.choices.nodes, profile_degree=degree).modal()
+    fourier = scales(case).fourier(diffusivity)
+    u, theta = explicit(system, jnp.asarray(fourier), data)
+    kelvin, sensors = float(data.temperature), len(stated)
+    u, theta = kelvin * np.asarray(u), kelvin * fourier * np.asarray(theta)
+    here, there, slope = slice(0, sensors), slice(sensors, 2 * sensors), slice(2 * sensors, None)
+    reached = (places - stated)[list(names.positions)] / std
+    return u[:, slope] / length, u[:, there] - u[:, here], theta[:, there] - theta[:, here], reached
+
+
+def bins_of(present: np.ndarray, observed: np.ndarray) -> tuple[Bins, int]:
+    """Readings in bins, as many as a dense covariance holds; and how many rows the readings are apart."""
+    rows = np.flatnonzero(present.any(axis=1))
+    apart = math.gcd(*np.diff(rows).tolist()) if len(rows) > 1 else 1
+    enough = math.ceil(present.size / apart / MOST_READINGS)
+    return Bins(jnp.asarray(observed), jnp.asarray(present, dtype=float), apart * max(1, enough)), apart
+
+
+def thinned(response: np.ndarray, bins: Bins, apart: int) -> tuple[np.ndarray, Bins]:
+    """A face's response and the readings' bins on the rows that have readings, where these are `apart` rows apart.
+
+    The faces' noise of all rows in between comes through: as much as that of their mean.
+    """
+    if apart == 1:
+        return response, bins
+    short = ((0, 0), (0, -response.shape[1] % apart), (0, 0))
+
+    def together(values: np.ndarray) -> np.ndarray:
+        padded = np.pad(values, short)
+        return padded.reshape(len(values), -1, apart, values.shape[-1]).sum(axis=2)
+
+    observed, present = together(np.stack([np.asarray(bins.observed), np.asarray(bins.present)]))
+    return together(response) / math.sqrt(apart), Bins(
+        jnp.asarray(observed), jnp.asarray(present), bins.rows // apart
+    )  # fmt: skip

@@ -1,0 +1,177 @@
+"""The paper's estimate: Gauss-Newton on the weighted misfit of each reading by itself.
+
+Minimised over `y = (ln(alpha/alpha_0), beta)`::
+
+    J(y) = sum over readings ((T_model(alpha) + offset_std beta - T_measured) / sigma)^2 + |beta|^2
+
+with an offset `offset_std beta` for each sensor whose case states an `offset_std`.
+
+Source: Berger and Kadoch, Section 4.2.
+"""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from .case import Case
+from .experiment import Experiment, large_model, scales
+from .gauss_newton import GaussNewton, Trace
+from .likelihood import HIGHEST, LOWEST
+from .lom import Output
+from .sensitivity import field_with_theta, run
+from .simulate import Integrator
+from .statespace import StateSpace
+
+_NO_INFORMATION = 1e-9  # singular value over the largest: this direction is not in the record
+
+
+class Fit(eqx.Module):
+    """What the compiled estimate gives back."""
+
+    parameters: Float[Array, " param"]
+    trace: Trace
+    residual: Array
+    predicted: Array
+    jacobian: Array
+    evaluations: Array
+    converged: Array
+
+
+class _Problem(eqx.Module):
+    """What the Gauss-Newton iteration minimises over `y = (ln(alpha/start), beta)`."""
+
+    system: StateSpace
+    data: Experiment
+    fourier_per_alpha: Float[Array, ""]
+    start: Float[Array, ""]
+    explicit_theta: bool = eqx.field(static=True)
+    integrator: Integrator = eqx.field(static=True)
+
+    def predicted(self, y: Float[Array, " param"]) -> Float[Array, "time sensor"]:
+        """Temperatures in degC, offsets included."""
+        fourier = self.fourier_per_alpha * self.start * jnp.exp(y[0])
+        initial, offset = self.data.initial, jnp.zeros_like(self.data.offset_std)
+        if self.data.offsets:
+            places = np.asarray(self.data.offsets)
+            offset = offset.at[places].set(self.data.offset_std[places] * y[1:])
+            # the profile was fitted through readings that hold the offsets
+            initial = initial - self.data.profile_per_offset @ offset
+        if self.explicit_theta:
+            u = field_with_theta(fourier, initial, self.system, self.data, self.integrator)
+        else:
+            u = run(self.system, fourier, self.data.starting_from(initial), integrator=self.integrator)[0]
+        return self.data.celsius(u) + offset
+
+    def residual(self, y: Float[Array, " param"]) -> Float[Array, " reading"]:
+        """The weighted misfit of every reading, then of every offset's prior."""
+        misfit = self.data.weight * (self.predicted(y) - self.data.observed)
+        return jnp.concatenate([misfit.reshape(-1), y[1:]])
+
+
+@eqx.filter_jit
+def fit_experiment(
+    system: StateSpace,
+    data: Experiment,
+    fourier_per_alpha: Float[Array, ""],
+    start: Float[Array, ""],
+    eta: Float[Array, ""],
+    *,
+    explicit_theta: bool = True,
+    integrator: Integrator = "propagator",
+    max_iterations: int = 100,
+) -> Fit:
+    """The compiled estimate: one compilation for all windows of a length, all starts, all values.
+
+    Arguments:
+        fourier_per_alpha: Fo for a diffusivity of 1 m2/s.
+        start: m2/s.
+        eta: the stopping criterion on the diffusivity; its square is that on the cost.
+    """
+    problem = _Problem(system, data, fourier_per_alpha, start, explicit_theta, integrator)
+    solver = GaussNewton(
+        # near the minimum gamma_1 goes with the square of gamma_2; under 1e-14 a sum of squares is round-off
+        eta_1=jnp.maximum(eta**2, 1e-14),
+        eta_2=eta,
+        lower=jnp.log(LOWEST / start),
+        upper=jnp.log(HIGHEST / start),
+        longest_trace=max_iterations,
+    )
+    solution = optx.least_squares(
+        lambda y, problem: problem.residual(y),
+        solver,
+        jnp.zeros(1 + len(data.offsets)),
+        args=problem,
+        max_steps=max_iterations + 1,
+        throw=False,
+    )
+    y = solution.value
+    trace = solution.stats["trace"]
+    trace = eqx.tree_at(
+        lambda t: t.parameters, trace, trace.parameters.at[:, 0].set(start * jnp.exp(trace.parameters[:, 0]))
+    )
+    predicted = problem.predicted(y)
+    return Fit(
+        parameters=y,
+        trace=trace,
+        residual=data.observed - predicted,
+        predicted=predicted,
+        jacobian=jax.jacfwd(problem.residual)(y),
+        evaluations=solution.stats["num_steps"],
+        converged=solution.result == optx.RESULTS.successful,
+    )
+
+
+@eqx.filter_jit
+def apart(
+    large: StateSpace, system: StateSpace, data: Experiment, fourier: Float[Array, ""]
+) -> Float[Array, "time sensor"]:
+    """The large model's predictions less a reduced one's, K."""
+    return data.temperature * (run(large, fourier, data)[0] - run(system, fourier, data)[0])
+
+
+def covariance(jacobian: np.ndarray, row_std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Singular values of J, and `J^+ diag(row_std^2) J^+T` (infinite where a direction is missing).
+
+    With each row weighted by its own noise that is `(J^T J)^-1`.
+    """
+    parameters = jacobian.shape[1]
+    if not np.all(np.isfinite(jacobian)):
+        return np.full(parameters, np.nan), np.full((parameters, parameters), np.inf)
+    U, singular, V = np.linalg.svd(jacobian, full_matrices=False)
+    if singular[-1] <= _NO_INFORMATION * max(singular[0], 1.0):
+        return singular, np.full((parameters, parameters), np.inf)
+    spread = (V.T / singular) @ U.T * row_std
+    return singular, spread @ spread.T
+
+
+def paper_sigma(
+    noise_std: np.ndarray, gradient: np.ndarray, position_std: np.ndarray
+) -> Float[np.ndarray, "time sensor"]:
+    """The paper's combined uncertainty, `sqrt(sigma_m^2 + (dT/dx delta_x)^2)`, K.
+
+    A position error is the same all the time: this is for the paper's figure, and no weight.
+
+    Arguments:
+        noise_std: sigma_m per sensor, K.
+        gradient: dT/dx at the sensors, K/m, `(time, sensor)`.
+        position_std: delta_x per sensor, m.
+    """
+    return np.sqrt(noise_std**2 + (gradient * position_std) ** 2)
+
+
+def simple_sigma(case: Case, data: Experiment, diffusivity: float) -> Float[np.ndarray, "time sensor"]:
+    """`paper_sigma` of each reading of a window at a diffusivity (m2/s), by the large model, K."""
+    gradients = [Output(sensor.position, "gradient") for sensor in case.sensors]
+    sensors = len(gradients)
+    large = large_model(case, gradients).select(list(range(sensors, 2 * sensors)))
+    slope = np.asarray(run(large, scales(case).fourier(diffusivity), data)[0])
+    return paper_sigma(
+        np.array([sensor.noise_std for sensor in case.sensors]),
+        slope * float(data.temperature) / case.wall.length,
+        np.array([sensor.position_std for sensor in case.sensors]),
+    )

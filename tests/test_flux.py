@@ -1,0 +1,235 @@
+"""Heat flux: against the sine series of `benchmarks.slab` (no part of wallid), SciPy's hand and ISO 9869-1's rules."""
+
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pandas as pd
+import pytest
+from benchmarks.slab import fluxes, temperatures, weather
+from numpy.testing import assert_allclose
+from test_cli import SCHEMA
+from typer.testing import CliRunner
+
+import wallid
+from wallid.case import Choices
+from wallid.cli import app
+from wallid.free import told_range
+from wallid.iso9869 import average_method
+
+LENGTH, CONDUCTIVITY, CAPACITY = 0.3, 0.75, 1.5e6
+R, C = LENGTH / CONDUCTIVITY, LENGTH * CAPACITY
+DIFFUSIVITY = CONDUCTIVITY / CAPACITY
+STEP, ROWS = 900.0, 288
+NOISE, FACE = 0.3, 0.01
+
+
+def course(seed=3):
+    """Three days after twelve others: faces, fluxes (W/m2), and a temperature in the middle."""
+    faces = weather(5 * ROWS, STEP, np.random.default_rng(seed))
+    through = CONDUCTIVITY / LENGTH * fluxes(faces, STEP, DIFFUSIVITY / LENGTH**2)
+    inside = temperatures(faces, STEP, np.array([0.5]), DIFFUSIVITY / LENGTH**2)
+    return faces[-ROWS:], through[-ROWS:], inside[-ROWS:]
+
+
+def case_of(plates=("left", "right"), *, length=LENGTH, gain=(0.0, 0.0), seed=3, sensor=False, **choices):
+    faces, through, inside = course(seed)
+    rng = np.random.default_rng([seed, 1])
+    time = STEP * np.arange(ROWS)
+    noisy = through * (1 + np.array(gain)) + NOISE * rng.standard_normal(through.shape)
+    names = ("T1",) if sensor else ()
+    record = wallid.Record(
+        time,
+        time,
+        None,
+        faces + FACE * rng.standard_normal(faces.shape),
+        inside + 0.05 * rng.standard_normal(inside.shape) if sensor else np.empty((ROWS, 0)),
+        names,
+        regressors={f"flux_{face}": noisy[:, ("left", "right").index(face)] for face in plates},
+        boundary_noise_std=FACE,
+        flux_noise_std=NOISE,
+        flux_gain_std=0.05 if any(gain) else 0.0,
+    )
+    wall = wallid.Wall(length=length, diffusivity_prior=2e-7 * (length / LENGTH) ** 2, outside="right")
+    sensors = (wallid.Sensor("T1", 0.5 * length, noise_std=0.05),) if sensor else ()
+    return wallid.Case("slab", Path("case.toml"), wall, sensors, record, Choices(initial_profile=1, **choices))
+
+
+@pytest.fixture(scope="module")
+def both():
+    return wallid.estimate(case_of())
+
+
+def near(quantity, truth, sigmas=4.0):
+    assert abs(np.log(quantity.value / truth)) < sigmas * quantity.std / quantity.value
+    assert quantity.interval_95[0] < quantity.value < quantity.interval_95[1]
+
+
+def test_the_truths_fluxes_balance_what_is_stored():
+    """What comes in at the left and does not leave at the right is the heat that the slab takes up."""
+    faces = weather(2000, 300.0, np.random.default_rng(0))
+    rate = 3e-6
+    j = fluxes(faces, 300.0, rate)
+    x = (np.arange(200) + 0.5) / 200
+    stored = temperatures(faces, 300.0, x, rate).mean(axis=1)
+    gained = np.sum(0.5 * (j[1:] + j[:-1]) @ [1.0, -1.0]) * 300.0 * rate
+    assert stored[-1] - stored[0] == pytest.approx(gained, abs=0.02)
+
+
+def test_conductivity_and_capacity_are_told_apart(both):
+    told = both.thermal
+    assert both.reliable
+    near(told.resistance, R)
+    near(told.areal_heat_capacity, C)
+    near(told.conductivity, CONDUCTIVITY)
+    near(told.heat_capacity, CAPACITY)
+    assert told.resistance.std < 0.02 * R and told.areal_heat_capacity.std < 0.05 * C
+    U = 1 / (told.resistance.value + 0.17)
+    assert told.transmittance.value == pytest.approx(U)
+    assert_allclose(told.transmittance.interval_95, [1 / (end + 0.17) for end in told.resistance.interval_95[::-1]])
+    assert "resistance" in str(both) and "W/m2" in str(both)
+
+
+def test_the_length_may_be_a_guess(both):
+    guess = wallid.estimate(case_of(length=1.1)).thermal
+    assert guess.resistance.value == pytest.approx(both.thermal.resistance.value, rel=1e-6)
+    assert guess.areal_heat_capacity.value == pytest.approx(both.thermal.areal_heat_capacity.value, rel=1e-6)
+    assert guess.conductivity.value == pytest.approx(1.1 / LENGTH * both.thermal.conductivity.value, rel=1e-6)
+
+
+def test_a_plates_calibration_is_counted(both):
+    """Two plates that are off by +4 and -3 %: within the prior, and the resistance's interval is as wide as that."""
+    told = wallid.estimate(case_of(gain=(0.04, -0.03))).thermal
+    near(told.resistance, R)
+    assert told.resistance.std / told.resistance.value == pytest.approx(0.05 / np.sqrt(2), rel=0.3)
+    # of the two only their difference is in the record
+    assert told.gains["left"][0] - told.gains["right"][0] == pytest.approx(0.07, abs=0.03)
+
+
+def test_one_plate_serves():
+    told = wallid.estimate(case_of(("left",))).thermal
+    near(told.resistance, R)
+    near(told.areal_heat_capacity, C)
+
+
+def test_the_first_half_predicts_the_second(both):
+    held = both.thermal.held_out
+    assert held.hours == 36.0 and held.coverage > 0.85
+    assert held.rms < 3 * np.sqrt(NOISE**2 + (FACE * 60) ** 2)
+
+
+def test_below_a_memory_as_long_as_the_window_nothing_is_told():
+    low, _ = told_range(case_of(), wallid.Window(0, ROWS))
+    assert low == pytest.approx(LENGTH**2 / (np.pi**2 * ROWS * STEP))
+
+
+def test_the_average_method_in_a_steady_state():
+    faces = np.tile([20.0, 5.0], (400, 1))
+    steady = average_method(faces, np.full(400, 30.0), 900.0, "left", 3e5)
+    assert steady.resistance == pytest.approx(0.5) and steady.corrected == pytest.approx(0.5)
+    assert steady.complete and steady.days == pytest.approx(400 / 96)
+    short = average_method(faces[:280], np.full(280, 30.0), 900.0, "left")
+    assert not short.three_days and not short.complete and short.corrected is None
+    gone = average_method(faces, np.zeros(400), 900.0, "right")
+    assert gone.resistance is None and "no resistance" in str(gone)
+
+
+def test_each_stopping_rule_stops():
+    faces, days = np.tile([20.0, 5.0], (6 * 96, 1)), np.arange(6 * 96) / 96
+    jump = average_method(faces, np.where(days < 5, 30.0, 60.0), 900.0, "left")
+    assert not jump.day_before and jump.change_of_a_day == pytest.approx(1 - 30 / 35)
+    drift = average_method(faces, 30.0 * (1 + 0.03 * (days - 3)), 900.0, "left")
+    assert drift.day_before and not drift.two_thirds
+    # INT(2 * 6 / 3) = 4 days from each end
+    assert drift.first_to_last == pytest.approx((1 + 0.03 * (4 - 3)) / (1 + 0.03 * (2 - 3)) - 1, abs=0.002)
+
+
+@pytest.mark.parametrize("face", ["left", "right"])
+def test_the_stored_heat_is_taken_out(face):
+    """Faces that warm by 1 K a day: each plate is off by what is stored, and the correction takes most of it out."""
+    rows, per_day = 20 * 96, 96
+    warm = np.arange(3 * rows)[:, None] / per_day
+    faces = np.array([20.0, 5.0]) + warm
+    j = CONDUCTIVITY / LENGTH * fluxes(faces, 900.0, DIFFUSIVITY / LENGTH**2)
+    side = ("left", "right").index(face)
+    found = average_method(faces[-rows:], j[-rows:, side], 900.0, face, C)
+    # the change from the first day's mean to the last's is 19 of 20 days'
+    assert abs(found.corrected / R - 1) < 0.1 * abs(found.resistance / R - 1)
+
+
+def test_sensors_and_plates_together():
+    alone, joined = (wallid.estimate(case_of(("left",), sensor=sensor)) for sensor in (False, True))
+    near(joined.thermal.resistance, R)
+    assert joined.std < alone.std
+    assert joined.residual.shape == (ROWS, 2) and joined.sensors == 1
+
+
+def written(folder, **more):
+    """The slab as files."""
+    record = case_of().record
+    columns = {"time": record.time, "in": record.faces[:, 0], "out": record.faces[:, 1]}
+    columns |= {"q_in": record.regressors["flux_left"], "q_out": record.regressors["flux_right"]}
+    pd.DataFrame(columns | more).to_csv(folder / "record.csv", index=False)
+    (folder / "case.toml").write_text(f"""
+[wall]
+length = {LENGTH}
+diffusivity_prior = 2e-7
+outside = "right"
+[record]
+file = "record.csv"
+time = "time"
+left = "in"
+right = "out"
+flux_left = "q_in"
+flux_right = "q_out"
+boundary_noise_std = {FACE}
+flux_noise_std = {NOISE}
+""")
+    return str(folder)
+
+
+def test_a_case_with_flux_alone_on_the_command_line(tmp_path):
+    out = tmp_path / "out"
+    ended = CliRunner().invoke(app, ["run", written(tmp_path), "--json", "--out", str(out)])
+    assert ended.exit_code == 0, ended.stderr
+    result = json.loads(ended.stdout)
+    jsonschema.validate(result, SCHEMA)
+    assert {path.name for path in out.iterdir()} >= {"result.json", "record.png", "flux.png", "report.html"}
+    for key, unit in (("conductivity", "W/m/K"), ("heat_capacity", "J/m3/K"), ("resistance", "m2 K/W"),
+                      ("areal_heat_capacity", "J/m2/K"), ("transmittance", "W/m2/K")):  # fmt: skip
+        assert set(result[key]) == {"value", "std", "interval_95", "unit"} and result[key]["unit"] == unit
+    assert set(result["iso_9869"]) == {"flux_left", "flux_right"}
+    assert result["iso_9869"]["flux_left"]["three_days"] is True
+    assert result["gap"] is None
+    wrong = CliRunner().invoke(app, ["estimate", written(tmp_path), "--weights", "none", "--out", str(out)])
+    assert wrong.exit_code == 2 and "sensor" in wrong.stderr
+    wrong = CliRunner().invoke(app, ["design", written(tmp_path), "--out", str(out)])
+    assert wrong.exit_code == 2 and "sensor" in wrong.stderr
+
+
+def test_the_london_wall(measured):
+    """The issue's figures: R within 0.42 to 0.46 m2K/W, C within 300 to 345 kJ/m2K, by a homogeneous slab."""
+    table = pd.read_csv(measured / "london_wall" / "owall.csv")
+    time = 300.0 * np.arange(len(table))
+    record = wallid.Record(
+        time,
+        time,
+        None,
+        table[["T_int", "T_ext"]].to_numpy(),
+        np.empty((len(table), 0)),
+        (),
+        regressors={"flux_left": table["Q_in"].to_numpy(), "flux_right": table["Q_out"].to_numpy()},
+        boundary_noise_std=0.05,
+        flux_gain_std=0.05,
+    )
+    wall = wallid.Wall(length=0.4, diffusivity_prior=5e-7, outside="right")
+    case = wallid.Case("london", Path("london.toml"), wall, (), record, Choices(initial_profile=1))
+    fit = wallid.estimate(case)
+    told = fit.thermal
+    assert fit.reliable
+    assert 0.42 < told.resistance.value < 0.46
+    assert 300e3 < told.areal_heat_capacity.value < 345e3
+    assert [round(one.resistance, 3) for one in told.averages] == [0.372, 0.465], "as published of this record"
+    print(told.held_out)
+    assert told.held_out.coverage > 0.85

@@ -1,0 +1,190 @@
+"""Intervals against truths that are drawn by `benchmarks.slab` (no part of wallid), and against bounds."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks import ice, interval
+from benchmarks.slab import temperatures
+from benchmarks.twins import slab_response
+from numpy.testing import assert_allclose
+from scipy.fft import dct
+from scipy.linalg import toeplitz
+from test_cli import write_own
+from typer.testing import CliRunner
+
+import wallid
+from wallid.cli import app
+from wallid.free import bins_of, noise_within, thinned, told_range
+from wallid.noise import NoiseModel, dct_spectrum, edge_spectrum
+
+STATED = {"noise": "stated"}
+
+
+def drawn(kind, seed, **choices):
+    """A case of `benchmarks.interval`, its true faces and its errors."""
+    errors = interval.KINDS[kind]
+    faces, measured, readings = interval.draw(errors, seed)
+    case = interval.case_of(errors, measured, readings)
+    return replace(case, choices=replace(case.choices, **choices)), faces, errors
+
+
+def estimated(case, **options):
+    return wallid.estimate(case, None, wallid.large_model(case), **options)
+
+
+def test_the_truths_own_series_is_the_analytic_slab():
+    t, omega = np.arange(200) * 900.0, 2 * np.pi / 86400
+    x = np.array([0.1, 0.25, 0.4])
+    want, _ = slab_response(x, t, length=0.5, diffusivity=6e-7, harmonics=((omega, 0.0, 6.0),))
+    faces = np.stack([6 * np.sin(omega * t), 0 * t], axis=1)
+    found = temperatures(faces, 900.0, x / 0.5, 6e-7 / 0.25)
+    # of straight lines between the rows of a sine: at most omega^2 h^2 / 8 of its amplitude
+    assert np.abs(found - want).max() < 6 * (omega * 900) ** 2 / 8
+
+
+@pytest.mark.parametrize("kind", ["propagated", "positions"])
+def test_the_standard_error_is_the_cramer_rao_bound(kind):
+    """With noise as stated, against the bound by SciPy with the covariance that the errors are drawn from."""
+    case, faces, errors = drawn(kind, 3, **STATED)
+    case = replace(case, record=replace(case.record, faces=faces[-interval.ROWS :]))
+    fit = estimated(case)
+    assert fit.rounds and fit.interval_kind == "normal"
+    widened = np.sqrt(max(1.0, fit.reduced_chi_square))
+    # at the estimate instead of the truth, and with what the sensors may share of the faces' noise free
+    assert fit.std / fit.value / widened == pytest.approx(interval.best_std(errors, faces), rel=0.12)
+
+
+def test_intervals_hold_the_truth():
+    """`benchmarks.interval` takes 2000 of each kind; of 20 that hold with 95 %, 15 do in all but 0.03 % of cases."""
+    for kind in ("propagated", "positions"):
+        rows = interval.many(kind, range(500, 520))
+        assert all(row.reliable for row in rows)
+        assert sum(row.low <= 0 <= row.high for row in rows) >= 15
+        width = np.mean([(row.high - row.low) / (2 * interval.NORMAL_95 * row.best) for row in rows])
+        assert 0.9 < width < 1.35
+
+
+def test_an_interval_that_forgets_the_faces_is_too_small():
+    case, *_ = drawn("propagated", 4, **STATED)
+    counted = estimated(case)
+    forgotten = estimated(replace(case, record=replace(case.record, boundary_noise_std=0.0)))
+    assert counted.std > 2 * forgotten.std / np.sqrt(max(1.0, forgotten.reduced_chi_square))
+    assert counted.shares["faces' noise"] > 0.25 and sum(counted.shares.values()) == pytest.approx(1.0)
+
+
+def test_memory_in_the_noise_is_found_and_counted():
+    case, *_ = drawn("correlated", 5)
+    fit, stated = estimated(case), estimated(replace(case, choices=replace(case.choices, **STATED)))
+    assert "correlation" in fit.noise and stated.noise == "noise as stated"
+    assert fit.std > 1.3 * stated.std
+
+
+def test_position_errors_are_found_as_constants():
+    errors = interval.Errors(0.02, 0.005, position=0.01)
+    faces = interval.weather(interval.BEFORE + interval.ROWS, interval.STEP, np.random.default_rng(8))
+    shift = np.array([0.008, -0.011, 0.004])
+    noise = 0.02 * np.random.default_rng(9).standard_normal((interval.ROWS, 3))
+    readings = interval.truth(faces, np.array(interval.PLACES) + shift) + noise
+    fit = estimated(interval.case_of(errors, faces[-interval.ROWS :], readings))
+    for (value, std), true in zip(fit.positions.values(), shift, strict=True):
+        assert abs(value - true) < 4 * std < 0.02
+    low, high = fit.interval_95
+    assert low < interval.DIFFUSIVITY < high
+
+
+def test_the_bootstrap_agrees_with_the_standard_error():
+    case, *_ = drawn("positions", 6)
+    fit = estimated(case, draws=200)
+    found = fit.bootstrap
+    # of 200 draws a standard deviation has a relative error of 5 %; four of them, and the noise's own uncertainty
+    assert found.std == pytest.approx(fit.std, rel=0.25)
+    assert abs(found.bias) < 4 / np.sqrt(200) + 0.1
+    assert_allclose(np.log(found.interval_95), np.log(fit.interval_95), atol=0.8 * fit.std / fit.value)
+    again = estimated(case, draws=200).bootstrap
+    assert_allclose(again.values, found.values, rtol=1e-9), "the seed decides"
+
+
+def test_where_nothing_moves_the_interval_reaches_the_bound():
+    errors = interval.KINDS["white"]
+    still = np.full((interval.ROWS, 2), 15.0)
+    rng = np.random.default_rng(1)
+    case = interval.case_of(errors, still, 15 + errors.sensor * rng.standard_normal((interval.ROWS, 3)))
+    fit = estimated(case)
+    low, high = told_range(case, wallid.Window(0, interval.ROWS))
+    assert not fit.reliable and fit.bootstrap is None
+    assert fit.interval_kind == "profile likelihood"
+    assert fit.interval_95[0] < 2 * low or fit.interval_95[1] > 0.5 * high
+    assert str(fit).startswith("diffusivity  NOT TO BE RELIED ON")
+
+
+def test_noise_of_one_logger_is_no_heat():
+    """Faces at rest, and noise that all sensors share: it comes through at once, which is no diffusivity."""
+    rng, rows = np.random.default_rng(2), interval.ROWS
+    shared, own = 0.01 * rng.standard_normal((rows, 1)), 0.006 * rng.standard_normal((rows, 5))
+    readings = -3 + shared + own
+    case = interval.case_of(interval.Errors(0.012, 0.012), readings[:, :2], readings[:, 2:])
+    assert not estimated(case).reliable
+
+
+def test_a_record_has_two_ends():
+    """The variance of cosine coefficients of an autoregression, against its transformed covariance matrix."""
+    for count in (7, 72, 101):
+        cov, omega = 0.9 ** np.arange(count), np.pi * np.arange(count) / count
+        D = dct(np.eye(count), type=2, norm="ortho", axis=0)
+        found = 2 * dct_spectrum(cov, omega) - cov[0] - edge_spectrum(cov, omega)
+        assert_allclose(found, np.diag(D @ toeplitz(cov) @ D.T), rtol=1e-10, atol=1e-12)
+
+
+def test_what_of_a_faces_readings_may_be_noise():
+    rng = np.random.default_rng(3)
+    t = np.arange(400)
+    signal, noise = 5 * np.sin(2 * np.pi * t / 24), 0.1 * rng.standard_normal(400)
+    assert np.corrcoef(noise_within(signal + noise, 0.1), noise)[0, 1] > 0.7
+    assert np.std(noise_within(signal, 0.1)) < 0.05, "what varies more than noise is none"
+
+
+def test_readings_far_apart_are_thinned_and_not_taken_for_means():
+    """A reading every 120 rows: the sensor's noise is that of one reading, the faces' that of 120."""
+    present = np.zeros((2881, 2), bool)
+    present[::120] = True
+    bins, apart = bins_of(present, np.zeros((2881, 2)))
+    assert apart == 120 and bins.rows == 120
+    response = np.full((2, 2881, 2), 1e-3)
+    thin, few = thinned(response, bins, apart)
+    R = NoiseModel(thin, few, np.array([0.1, 0.2]), 0.05).noise(1.0, 0.0, 0.5).covariance
+    assert R.shape == (50, 50)
+    # the last reading sees the noise of all rows before, each with 1e-3, from two faces
+    assert R[24, 24] == pytest.approx(0.1**2 + 2 * 2881 * (0.05 * 1e-3) ** 2, rel=0.05)
+
+
+def test_the_range_that_a_window_can_tell():
+    case, *_ = drawn("white", 0)
+    low, high = told_range(case, wallid.Window(0, 72))
+    assert low < 1e-8 and high > 1e-5, "far on both sides of any wall"
+    assert told_range(case, wallid.Window(0, 36))[0] == pytest.approx(2 * low)
+
+
+@pytest.mark.parametrize(
+    ("borehole", "start", "informative"),
+    [("borehole_248", "2014-12-01", True), ("borehole_248", "2015-01-12", False)],
+)
+def test_the_ice_is_known_or_nothing_is_said(measured, tmp_path, borehole, start, informative):
+    """The issue's figure on some of its fortnights; `benchmarks.ice` takes all of them."""
+    found = next(f for f in ice.fortnights(measured, borehole, tmp_path) if f.start == start)
+    assert found.informative is informative
+    assert found.right
+
+
+def test_the_bootstrap_on_the_command_line(tmp_path):
+    case = write_own(tmp_path)
+    words = ["estimate", str(case), "--model", "lom", "--from-row", "0", "--out", str(tmp_path / "out")]
+    ended = CliRunner().invoke(app, [*words, "--bootstrap", "40", "--json"])
+    assert ended.exit_code == 0, ended.stderr
+    result = json.loads(ended.stdout)
+    drawn = result["interval"]["bootstrap"]
+    assert drawn["draws"] == 40 and drawn["std"] == pytest.approx(result["diffusivity"]["std"], rel=0.6)
+    assert CliRunner().invoke(app, [*words, "--bootstrap", "3"]).exit_code == 2
+    refused = CliRunner().invoke(app, [*words, "--bootstrap", "40", "--weights", "none"])
+    assert refused.exit_code == 2 and "--weights" in refused.stderr
