@@ -15,6 +15,7 @@ _SPIKE_LEAST = 1.0  # K
 _SPIKE_USUAL = 20.0  # times the median change from reading to reading
 _SPIKE_LARGE = 8.0  # times the change that only 5 % exceed
 _SPIKE_FLANKS = 0.2  # of the jump: how far the readings about it may be apart
+_SPIKE_SHARE = 0.1  # of the readings: more lone ones are what the column does
 _FLANK = 3  # readings on either side; two of the six may be spikes too
 _NEIGHBOURS = 3.0  # usual steps: readings farther apart are no neighbours
 
@@ -30,9 +31,9 @@ def spikes(seconds: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Which of a column's readings jump away and back to where they were, within three readings and half an hour.
 
     A jump must be larger than 1 K, 20 times the column's median change from reading to reading, and 8 times
-    the change that only 5 % of its steps exceed. The readings next to it, and four of the six on either
-    side (at the column's ends all of them), must lie on one line within a fifth of it: what a wall once had
-    comes or goes more slowly.
+    the change that only 5 % of its steps (lone spikes apart) exceed. The readings next to it, and four of the six
+    on either side (at the column's ends all of them), must lie on one line within a fifth of it: what a wall once
+    had comes or goes more slowly.
 
     Arguments:
         seconds, values: of the readings there are, in order, (reading,).
@@ -41,7 +42,8 @@ def spikes(seconds: np.ndarray, values: np.ndarray) -> np.ndarray:
     if len(values) < 8:
         return found
     change = np.abs(np.diff(values))
-    least = max(_SPIKE_LEAST, _SPIKE_USUAL * float(np.median(change)), _SPIKE_LARGE * float(np.quantile(change, 0.95)))
+    usual = _SPIKE_USUAL * float(np.median(change))
+    least = max(_SPIKE_LEAST, usual, _SPIKE_LARGE * float(np.quantile(_but_lone(values, change, usual), 0.95)))
     if change.max() <= least:
         return found
     step = float(np.median(np.diff(seconds)))
@@ -67,6 +69,19 @@ def spikes(seconds: np.ndarray, values: np.ndarray) -> np.ndarray:
         for first in start[(jump > least) & calm & near] - _FLANK:
             found[first : first + rows] = True
     return found
+
+
+def _but_lone(values: np.ndarray, change: np.ndarray, usual: float) -> np.ndarray:
+    """The changes from reading to reading without those to and from a lone reading that is far off.
+
+    A few dozen spikes would else be what is usual; where a tenth of the readings is off, that is.
+    """
+    before, after = change[:-1], change[1:]
+    back = np.abs(values[2:] - values[:-2]) <= _SPIKE_FLANKS * np.minimum(before, after)
+    lone = back & (np.minimum(before, after) > usual)
+    if lone.mean() > _SPIKE_SHARE:
+        return change
+    return np.delete(change, np.concatenate([np.flatnonzero(lone), np.flatnonzero(lone) + 1]))
 
 
 def stuck(values: np.ndarray) -> np.ndarray:
