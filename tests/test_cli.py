@@ -131,23 +131,6 @@ def test_demo_reads_nothing_but_its_case(demo):
     ]
 
 
-@pytest.mark.parametrize("module, name", [("optimistix", "least_squares"), ("diffrax", "diffeqsolve")])
-def test_demo_goes_through_optimistix_and_diffrax(monkeypatch, command, module, name):
-    """Taken away, the demo cannot end well: both are on its path."""
-    import importlib
-
-    def gone(*args, **kwargs):
-        raise ZeroDivisionError(f"{module}.{name} was called")
-
-    monkeypatch.setattr(importlib.import_module(module), name, gone)
-    # traces that earlier tests compiled would hide the call
-    import jax
-
-    jax.clear_caches()
-    ended = command("demo", "--quiet")
-    assert isinstance(ended.exception, ZeroDivisionError), ended.output
-
-
 def test_demo_wholly_through_diffrax_gives_the_same_diffusivity():
     """The issue's figure: 1e-9."""
     case = wallid.load("saint_julien")
@@ -481,3 +464,20 @@ def test_with_a_window_by_hand_its_own_fit_decides():
     hopeless = replace(wallid.design(case), information=np.zeros((1, 109)))
     assert Run(case, design=hopeless).unreliable
     assert not Run(case, design=hopeless, fit=fit).unreliable
+
+
+@pytest.mark.parametrize("module, name", [("optimistix", "least_squares"), ("diffrax", "diffeqsolve")])
+def test_demo_goes_through_optimistix_and_diffrax(monkeypatch, command, module, name):
+    """Taken away, the demo cannot end well: both are on its path. Last, as it clears what others compiled."""
+    import importlib
+
+    def gone(*args, **kwargs):
+        raise ZeroDivisionError(f"{module}.{name} was called")
+
+    monkeypatch.setattr(importlib.import_module(module), name, gone)
+    # traces that earlier tests compiled would hide the call
+    import jax
+
+    jax.clear_caches()
+    ended = command("demo", "--quiet")
+    assert isinstance(ended.exception, ZeroDivisionError), ended.output
