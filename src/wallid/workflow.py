@@ -222,7 +222,6 @@ def _of_fluxes(
     if "estimate" not in stages:
         large_model(case)  # says what is missing
     begin("estimate", "estimate: conductivity and heat capacity from the fluxes")
-    window = Window(0, case.record.rows) if window is None else window
     with done.timed("estimate"):
         done.fit = estimate(case, window, weights=weights, integrator=integrator, draws=draws)
 
