@@ -181,6 +181,33 @@ class GaussNewton(optx.AbstractLeastSquaresSolver):
         return y, aux, {"trace": state.trace}
 
 
+def search(
+    residual: Callable[[Any, Any], Array],
+    first: Float[Array, " param"],
+    args: Any,
+    *,
+    eta: Float[Array, ""],
+    lower: Float[Array, ""],
+    upper: Float[Array, ""],
+    max_iterations: int,
+) -> optx.Solution:
+    """The iteration on `residual(y, args)` from `first`, through optimistix; its trace is in `stats["trace"]`.
+
+    Arguments:
+        eta: the stopping criterion on the diffusivity; its square is that on the cost.
+        lower, upper: of ln(alpha/alpha_0).
+    """
+    solver = GaussNewton(
+        # near the minimum gamma_1 goes with the square of gamma_2; under 1e-14 a sum of squares is round-off
+        eta_1=jnp.maximum(eta**2, 1e-14),
+        eta_2=eta,
+        lower=lower,
+        upper=upper,
+        longest_trace=max_iterations,
+    )
+    return optx.least_squares(residual, solver, first, args=args, max_steps=max_iterations + 1, throw=False)
+
+
 def relative_change(y_new: Float[Array, " param"], y: Float[Array, " param"]) -> Float[Array, ""]:
     """gamma_2: `|alpha_new/alpha - 1|`, with the other parameters' changes in their priors' units."""
     change = (y_new - y).at[0].set(jnp.expm1(y_new[0] - y[0]))

@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 
 from .case import Case
 from .experiment import Experiment, large_model, scales
-from .gauss_newton import GaussNewton, Trace
+from .gauss_newton import Trace, search
 from .likelihood import HIGHEST, LOWEST
 from .lom import Output
 from .sensitivity import field_with_theta, run
@@ -93,21 +93,14 @@ def fit_experiment(
         eta: the stopping criterion on the diffusivity; its square is that on the cost.
     """
     problem = _Problem(system, data, fourier_per_alpha, start, explicit_theta, integrator)
-    solver = GaussNewton(
-        # near the minimum gamma_1 goes with the square of gamma_2; under 1e-14 a sum of squares is round-off
-        eta_1=jnp.maximum(eta**2, 1e-14),
-        eta_2=eta,
+    solution = search(
+        lambda y, problem: problem.residual(y),
+        jnp.zeros(1 + len(data.offsets)),
+        problem,
+        eta=eta,
         lower=jnp.log(LOWEST / start),
         upper=jnp.log(HIGHEST / start),
-        longest_trace=max_iterations,
-    )
-    solution = optx.least_squares(
-        lambda y, problem: problem.residual(y),
-        solver,
-        jnp.zeros(1 + len(data.offsets)),
-        args=problem,
-        max_steps=max_iterations + 1,
-        throw=False,
+        max_iterations=max_iterations,
     )
     y = solution.value
     trace = solution.stats["trace"]

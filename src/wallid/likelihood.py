@@ -17,7 +17,7 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from .experiment import Experiment
-from .gauss_newton import GaussNewton, Trace
+from .gauss_newton import Trace, search
 from .noise import Bins
 from .sensitivity import field_with_theta, run
 from .simulate import Integrator, run_rows
@@ -158,16 +158,14 @@ def minimise(problem: Problem, first: Float[Array, " param"], eta: Float[Array, 
 
 
 def _search(problem: Problem, first: Array, eta: Array, max_iterations: int) -> tuple[Array, Trace, Array]:
-    solver = GaussNewton(
-        # near the minimum gamma_1 goes with the square of gamma_2; under 1e-14 a sum of squares is round-off
-        eta_1=jnp.maximum(eta**2, 1e-14),
-        eta_2=eta,
+    solution = search(
+        lambda y, problem: problem.residual(y),
+        first,
+        problem,
+        eta=eta,
         lower=jnp.log(problem.lowest / problem.start),
         upper=jnp.log(problem.highest / problem.start),
-        longest_trace=max_iterations,
-    )
-    solution = optx.least_squares(
-        lambda y, problem: problem.residual(y), solver, first, args=problem, max_steps=max_iterations + 1, throw=False
+        max_iterations=max_iterations,
     )
     return solution.value, solution.stats["trace"], solution.result == optx.RESULTS.successful
 

@@ -15,9 +15,9 @@ from jaxtyping import Array, Float
 
 from ..effects import AbstractEffect, Campaign, Terms
 from ..extended import face_response, first_order, respond
+from ..free import PROFILE_MODES
 from ..noise import Bins
 
-PROFILE_MODES = 8
 _CHUNK = 4  # columns at once: more would not fit the cache
 
 
