@@ -27,8 +27,10 @@ from .reliability import Loads, Reliability, reliability
 from .sensitivity import autodiff, explicit
 from .simulate import propagate, simulate, stable_substeps
 from .statespace import StateSpace
+from .sweeps import stack, sweep
 from .thermal import Thermal
 from .wall import InputError, Layer, Scales, Sensor, Wall
+from .walls import Walls, estimate_walls
 
 __version__ = _version("wallid")
 
@@ -62,12 +64,14 @@ __all__ = [
     "StateSpace",
     "Thermal",
     "Wall",
+    "Walls",
     "Window",
     "autodiff",
     "average_method",
     "choose_order",
     "design",
     "estimate",
+    "estimate_walls",
     "experiment",
     "explain",
     "explicit",
@@ -87,5 +91,7 @@ __all__ = [
     "seconds_of_estimate",
     "simulate",
     "stable_substeps",
+    "stack",
+    "sweep",
     "sweep_orders",
 ]

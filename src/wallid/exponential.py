@@ -25,7 +25,7 @@ from .statespace import StateSpace
 _SERIES_TERMS = 18  # 1/21! < 1e-19: the tail of the series below |z| = 1 is under round-off
 _MAX_SQUARINGS = 48  # expm gives NaN past it; 2^48 is more than any mesh times any step
 
-State = tuple[Float[Array, " node"], Float[Array, " node"] | None]
+State = tuple[Float[Array, "*lanes node"], Float[Array, "*lanes node"] | None]
 
 
 def phi_functions(z: Float[Array, "*shape"], most: int = 3) -> tuple[Float[Array, "*shape"], ...]:
@@ -63,12 +63,12 @@ class StepMap(eqx.Module):
     V0: Array | None = None
     V1: Array | None = None
 
-    def drive(self, q0: Float[Array, " input"], q1: Float[Array, " input"]) -> State:
-        """What the inputs at the step's two ends add to x and theta."""
-        x = self.W0 @ q0 + self.W1 @ q1
+    def drive(self, q0: Float[Array, "*rows input"], q1: Float[Array, "*rows input"]) -> State:
+        """What the inputs at the two ends of steps add to x and theta."""
+        x = times(self.W0, q0) + times(self.W1, q1)
         if self.V0 is None or self.V1 is None:
             return x, None
-        return x, self.V0 @ q0 + self.V1 @ q1
+        return x, times(self.V0, q0) + times(self.V1, q1)
 
     def move(self, state: State, drive: State) -> State:
         """The state a step later, with what the inputs add."""
@@ -79,9 +79,14 @@ class StepMap(eqx.Module):
             return x1, None
         return x1, times(self.E, theta) + times(self.E_theta, x) + drive[1]
 
-    def advance(self, state: State, q0: Float[Array, " input"], q1: Float[Array, " input"]) -> State:
+    def advance(self, state: State, q0: Float[Array, "*rows input"], q1: Float[Array, "*rows input"]) -> State:
         """The state a step later; `q0`, `q1` are the inputs at the step's two ends."""
         return self.move(state, self.drive(q0, q1))
+
+
+def times(matrix: Float[Array, "out few"], q: Float[Array, "*rows few"]) -> Float[Array, "*rows out"]:
+    """`matrix q` of many rows of few entries, as a sum: cheaper than products of thin matrices."""
+    return sum((q[..., k, None] * matrix[:, k] for k in range(1, matrix.shape[1])), q[..., :1] * matrix[:, 0])
 
 
 def step_map(system: StateSpace, fourier: Float[Array, ""], step: Float[Array, ""], *, sensitivity: bool) -> StepMap:

@@ -53,8 +53,7 @@ class _BoundedState(NamedTuple):
 class BoundedNewton(optx.AbstractDescent):
     """The Newton direction, cut to the longest step and to the box of its first parameter.
 
-    The least-squares solve is by singular values: a parameter without any information is left
-    where it is instead of being thrown away.
+    A parameter without any information is left where it is instead of being thrown away.
     """
 
     lower: Float[Array, ""]
@@ -67,15 +66,24 @@ class BoundedNewton(optx.AbstractDescent):
     def query(self, y, f_info, state):
         """The direction at `y`."""
         jacobian = f_info.jac.as_matrix()
-        solved = lx.linear_solve(lx.MatrixLinearOperator(jacobian), f_info.residual, lx.SVD(rcond=1e-12), throw=False)
-        newton = solved.value
+        newton, result = _least_squares(jacobian, f_info.residual)
         newton = newton * jnp.minimum(1.0, _LONGEST / jnp.maximum(jnp.abs(newton[0]), _LONGEST))
         newton = newton.at[0].set(y[0] - jnp.clip(y[0] - newton[0], self.lower, self.upper))
-        return _BoundedState(newton, optx.RESULTS.promote(solved.result))
+        return _BoundedState(newton, result)
 
     def step(self, step_size, state):
         """The step of this length along the direction."""
         return -step_size * state.newton, state.result
+
+
+def _least_squares(jacobian: Array, residual: Array) -> tuple[Array, optx.RESULTS]:
+    """The smallest solution, by singular values; one column needs no decomposition (thousands of walls at once do)."""
+    if jacobian.shape[1] == 1:
+        size = jnp.sum(jacobian**2)
+        newton = jnp.where(size > 0, jacobian[:, 0] @ residual / jnp.where(size > 0, size, 1.0), 0.0)
+        return newton[None], optx.RESULTS.successful
+    solved = lx.linear_solve(lx.MatrixLinearOperator(jacobian), residual, lx.SVD(rcond=1e-12), throw=False)
+    return solved.value, optx.RESULTS.promote(solved.result)
 
 
 class StepHalving(optx.AbstractSearch):

@@ -42,7 +42,7 @@ class Fit(eqx.Module):
     converged: Array
 
 
-class _Problem(eqx.Module):
+class Problem(eqx.Module):
     """What the Gauss-Newton iteration minimises over `y = (ln(alpha/start), beta)`."""
 
     system: StateSpace
@@ -73,6 +73,19 @@ class _Problem(eqx.Module):
         return jnp.concatenate([misfit.reshape(-1), y[1:]])
 
 
+def searched(problem: Problem, eta: Float[Array, ""], max_iterations: int) -> optx.Solution:
+    """The iteration from the start, traced where it is called."""
+    return search(
+        lambda y, problem: problem.residual(y),
+        jnp.zeros(1 + len(problem.data.offsets)),
+        problem,
+        eta=eta,
+        lower=jnp.log(LOWEST / problem.start),
+        upper=jnp.log(HIGHEST / problem.start),
+        max_iterations=max_iterations,
+    )
+
+
 @eqx.filter_jit
 def fit_experiment(
     system: StateSpace,
@@ -92,16 +105,8 @@ def fit_experiment(
         start: m2/s.
         eta: the stopping criterion on the diffusivity; its square is that on the cost.
     """
-    problem = _Problem(system, data, fourier_per_alpha, start, explicit_theta, integrator)
-    solution = search(
-        lambda y, problem: problem.residual(y),
-        jnp.zeros(1 + len(data.offsets)),
-        problem,
-        eta=eta,
-        lower=jnp.log(LOWEST / start),
-        upper=jnp.log(HIGHEST / start),
-        max_iterations=max_iterations,
-    )
+    problem = Problem(system, data, fourier_per_alpha, start, explicit_theta, integrator)
+    solution = searched(problem, eta, max_iterations)
     y = solution.value
     trace = solution.stats["trace"]
     trace = eqx.tree_at(
