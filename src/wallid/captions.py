@@ -40,6 +40,16 @@ def _design(run: Run) -> str:
     )
 
 
+def _places(run: Run) -> str:
+    if run.places is None:
+        return ""
+    found = run.places
+    return (
+        f"Expected standard error with one more sensor at each of {len(found.places)} places, least at "
+        f"{found.best:.3g} m from the left face, and at other sampling steps."
+    )
+
+
 def _estimate(run: Run) -> str:
     if run.fit is None:
         return ""
@@ -107,6 +117,11 @@ CAPTIONS: dict[str, tuple[str, Alternative]] = {
         "Which days tell most: how far each reading would move with the diffusivity, and what a window from each "
         "start day would tell, over the best.",
         _design,
+    ),
+    "places": (
+        "What one more sensor would do to the diffusivity's standard error, by its place (dotted: without it), and "
+        "what a row more often or more rarely would.",
+        _places,
     ),
     "orders": (
         "Error of the reduced model against its order.",

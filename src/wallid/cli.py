@@ -204,9 +204,44 @@ def check(case: CaseArgument, out: Out = OUT, json: Json = False, quiet: Quiet =
 
 
 @app.command()
-def design(case: CaseArgument, out: Out = OUT, json: Json = False, quiet: Quiet = False) -> None:
-    """Which days of the record tell most about the diffusivity, and what longer windows would give."""
-    _go(case, None, ("design", "lengths"), out, json, quiet)
+def design(
+    case: CaseArgument,
+    criterion: Annotated[
+        Literal["D", "A", "E"],
+        typer.Option("--criterion", help="Of the information: determinant, mean variance, or the worst direction."),
+    ] = "D",
+    of: Annotated[
+        Literal["diffusivity", "constants", "all"],
+        typer.Option(
+            "--of",
+            help="What the criterion is of: the diffusivity (where D, A and E agree), with it offsets and positions, "
+            "or all that the estimate leaves free. The last two count in full.",
+        ),
+    ] = "diffusivity",
+    robust: Annotated[
+        Literal["no", "expected", "worst"],
+        typer.Option(
+            "--robust", help="Choose for a quarter to four times the prior diffusivity: on average, or at worst."
+        ),
+    ] = "no",
+    full: Annotated[
+        bool,
+        typer.Option(
+            "--full",
+            help="Count what the interval counts: the faces' noise, positions and the initial profile, too. (The "
+            "places of further sensors always do.)",
+        ),
+    ] = False,
+    add: Annotated[
+        int, typer.Option("--add", min=0, max=6, help="Further sensors to find places for, one after the other.")
+    ] = 1,
+    out: Out = OUT,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Which days of the record tell most, what longer windows would give, and where a further sensor would help."""
+    designing = workflow.Designing(criterion, of, robust, full or of != "diffusivity", add)
+    _go(case, None, ("design", "lengths", "places"), out, json, quiet, designing=designing)
 
 
 @app.command()
@@ -247,7 +282,7 @@ def _go(
     *,
     from_row: int | None = None,
     orders: str = "",
-    **choices: str | int,
+    **choices: str | int | workflow.Designing,
 ) -> None:
     """Load, run, write, print; every message to standard error but the summary or the JSON."""
     from . import report

@@ -22,6 +22,7 @@ STEMS = (
     "wall",
     "record",
     "design",
+    "places",
     "orders",
     "estimate",
     "reliability",
@@ -49,6 +50,11 @@ def figures(run: Run) -> Iterator[tuple[str, Figure]]:
         yield "record", _record_figure(run)
         if run.design is not None:
             yield "design", _design_figure(run)
+        if run.places is not None and run.sampling is not None:
+            made, axes = plot.figure(1, 2, width=9.0, height=3.8)
+            plot.sensor_places(axes[0], run.places)
+            plot.sampling(axes[1], run.sampling)
+            yield "places", made
         if run.orders:
             made, ax = plot.figure(height=3.2)
             plot.orders(ax, run.orders)

@@ -58,6 +58,8 @@ def result(run: Run) -> dict[str, Any]:
         found["interval"] = _interval(fit)
     if fit is not None and fit.thermal is not None:
         found |= _thermal(fit.thermal)
+    if run.design is not None:
+        found["design"] = _design(run)
     if run.learned is not None:
         found["reduced_model"] = {
             "order": run.learned.system.order,
@@ -88,12 +90,42 @@ def _window(run: Run) -> dict[str, Any] | None:
     else:
         return None
     if run.design is not None and window.row in run.design.starts:
-        criterion = run.design.criterion[0][list(run.design.starts).index(window.row)]
+        criterion = run.design.merit[list(run.design.starts).index(window.row)]
     return {
         "start": record.stamp(window.row),
         "end": record.stamp(window.row + window.rows),
         "criterion": criterion,
     }
+
+
+def _design(run: Run) -> dict[str, Any]:
+    """By which criterion the days were chosen, where a further sensor would help, and what other steps would give."""
+    design, places, sampling = run.design, run.places, run.sampling
+    assert design is not None
+    found: dict[str, Any] = {
+        "criterion": design.kind,
+        "of": design.of,
+        "robust": design.robust,
+        "full": design.full,
+        "diffusivities": design.diffusivities,
+        "expected_relative_std": design.expected_error,
+    }
+    if places is not None:
+        found["further_sensors"] = [
+            {"place": place, "relative_std": places.std[k, 0, i], "criterion_gain": places.gain[k, i], "unit": "m"}
+            for k, place in enumerate(places.chosen)
+            for i in [int(np.argmin(np.abs(places.places - place)))]
+        ]
+        found["relative_std_without"] = places.std_before[0]
+        found["places"] = {"m": places.places, "relative_std": places.std[0, 0], "criterion_gain": places.gain[0]}
+    if sampling is not None:
+        found["sampling"] = {
+            "step_s": sampling.steps,
+            "relative_std": sampling.std,
+            "interval_95_span": sampling.spans,
+            "shift_by_straight_faces": sampling.shift,
+        }
+    return found
 
 
 def _evidence(explanation: Explanation) -> dict[str, Any]:
