@@ -12,6 +12,7 @@ Switch 64-bit floats on first: `jax.config.update("jax_enable_x64", True)`.
 from importlib import import_module as _import_module
 from importlib.metadata import version as _version
 
+from .campaign import Pooled, campaign
 from .case import Case, load, packaged
 from .design import Design, design
 from .discrepancy import Explanation, explain
@@ -58,6 +59,7 @@ __all__ = [
     "Loads",
     "Output",
     "Places",
+    "Pooled",
     "Record",
     "Reliability",
     "Sampling",
@@ -70,6 +72,7 @@ __all__ = [
     "Window",
     "autodiff",
     "average_method",
+    "campaign",
     "choose_order",
     "design",
     "estimate",

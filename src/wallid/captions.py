@@ -50,6 +50,16 @@ def _places(run: Run) -> str:
     )
 
 
+def _campaign(run: Run) -> str:
+    if run.campaign is None:
+        return ""
+    found = run.campaign
+    return (
+        f"Intervals of {len(found.windows)} windows, {len(found.used)} of them informative; all together "
+        f"{found.value:.4g} m2/s."
+    )
+
+
 def _estimate(run: Run) -> str:
     if run.fit is None:
         return ""
@@ -122,6 +132,11 @@ CAPTIONS: dict[str, tuple[str, Alternative]] = {
         "What one more sensor would do to the diffusivity's standard error, by its place (dotted: without it), and "
         "what a row more often or more rarely would.",
         _places,
+    ),
+    "campaign": (
+        "The 95 % interval of each window (blue: informative, larger dots weigh more; grey: not in the mean), and of "
+        "all of them together.",
+        _campaign,
     ),
     "orders": (
         "Error of the reduced model against its order.",

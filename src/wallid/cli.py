@@ -251,6 +251,10 @@ def estimate(
     weights: Weights = "noise",
     integrator: Integrator = "propagator",
     from_row: From = None,
+    all_windows: Annotated[
+        bool,
+        typer.Option("--all-windows", help="One estimate from every window of the record that tells anything."),
+    ] = False,
     bootstrap: Draws = 0,
     out: Out = OUT,
     json: Json = False,
@@ -258,6 +262,15 @@ def estimate(
 ) -> None:
     """The diffusivity from the best window (or from one that you name), without the rest."""
     options = {"weights": weights, "integrator": integrator, "draws": bootstrap}
+    if all_windows:
+        given = {
+            "--from-row": from_row is not None, "--bootstrap": bootstrap > 0, "--weights none": weights == "none",
+            "--model mim": model == "mim", "--integrator diffrax": integrator == "diffrax",
+        }  # fmt: skip
+        if wrong := [name for name, there in given.items() if there]:
+            _refuse(InputError(f"--all-windows goes through every window by the large model; leave {wrong[0]} out"))
+        _go(case, None, ("campaign",), out, json, quiet)
+        return
     _go(case, model, ("design", "learn", "estimate"), out, json, quiet, from_row=from_row, **options)
 
 

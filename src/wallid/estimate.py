@@ -100,10 +100,34 @@ def estimate(
         return _with_fluxes(case, window, start, eta, sensitivity == "explicit", integrator, draws)
     if model is None:
         model = large_model(case) if case.choices.model == "lom" else learn(case, window, integrator=integrator)
+    eta = case.choices.eta if eta is None else eta
+    told = plain_fit(
+        case, window, model, start, eta, weighted=weights == "noise", sensitivity=sensitivity, integrator=integrator
+    )
+    if weights == "none":
+        return simple(told)
+    settled, others = settled_minima(told, eta, sensitivity == "explicit", integrator)
+    return conclude(told, settled, others, draws)
+
+
+def plain_fit(
+    case: Case,
+    window: Window,
+    model: StateSpace | Learned,
+    start: float,
+    eta: float,
+    *,
+    weighted: bool = True,
+    sensitivity: Literal["explicit", "autodiff"] = "explicit",
+    integrator: Integrator = "propagator",
+) -> Told:
+    """The paper's iteration, from which the rounds under the full covariance go on.
+
+    Arguments: as in `estimate`.
+    """
     system = model.system if isinstance(model, Learned) else model
     check_driven(system, case, window)
-    data = experiment(case, window, weighted=weights == "noise")
-    eta = case.choices.eta if eta is None else eta
+    data = experiment(case, window, weighted=weighted)
     fit = fit_experiment(
         system,
         data,
@@ -116,11 +140,7 @@ def estimate(
     )
     reduced = isinstance(model, Learned) or system.order < case.choices.nodes - 2
     words = f"{'reduced' if reduced else 'large'} model of order {system.order}"
-    told = Told(case, window, data, system, fit, reduced, words)
-    if weights == "none":
-        return simple(told)
-    settled, others = settled_minima(told, eta, sensitivity == "explicit", integrator)
-    return conclude(told, settled, others, draws)
+    return Told(case, window, data, system, fit, reduced, words)
 
 
 def _with_fluxes(

@@ -24,6 +24,7 @@ STEMS = (
     "design",
     "places",
     "orders",
+    "campaign",
     "estimate",
     "reliability",
     "uncertainty",
@@ -59,6 +60,10 @@ def figures(run: Run) -> Iterator[tuple[str, Figure]]:
             made, ax = plot.figure(height=3.2)
             plot.orders(ax, run.orders)
             yield "orders", made
+        if run.campaign is not None:
+            made, ax = plot.figure(height=1.6 + 0.22 * min(len(run.campaign.windows), 40))
+            plot.forest(ax, run.campaign)
+            yield "campaign", made
         if run.fit is not None and run.case.sensors:
             yield "estimate", _estimate_figure(run)
         if run.fit is not None and run.fit.thermal is not None:

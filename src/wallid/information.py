@@ -254,14 +254,14 @@ def fisher(seen: Sequence[Seen], whitening: Whitening) -> Float[np.ndarray, "par
     return white.T @ white + np.diag((np.arange(white.shape[1]) > 0).astype(float))
 
 
-def on(matrix: Float[np.ndarray, "param param"], kept: Sequence[int]) -> Float[np.ndarray, "kept kept"]:
+def on(matrix: Float[np.ndarray, "param param"], kept: list[int]) -> Float[np.ndarray, "kept kept"]:
     """The information on some parameters, the others projected out."""
-    rest = np.setdiff1d(np.arange(len(matrix)), kept)
-    found = matrix[np.ix_(kept, kept)]
-    if not len(rest):
+    rest = [place for place in range(len(matrix)) if place not in kept]
+    found = matrix[kept][:, kept]
+    if not rest:
         return found
-    mixed = matrix[np.ix_(kept, rest)]
-    return found - mixed @ np.linalg.solve(matrix[np.ix_(rest, rest)], mixed.T)
+    mixed = matrix[kept][:, rest]
+    return found - mixed @ np.linalg.solve(matrix[rest][:, rest], mixed.T)
 
 
 def std_of(matrix: Float[np.ndarray, "param param"]) -> float:
@@ -270,7 +270,7 @@ def std_of(matrix: Float[np.ndarray, "param param"]) -> float:
     return 1.0 / math.sqrt(on_log) if on_log > HOPELESS**-2 else math.inf
 
 
-def told(matrix: Float[np.ndarray, "param param"], criterion: Criterion, kept: Sequence[int]) -> float:
+def told(matrix: Float[np.ndarray, "param param"], criterion: Criterion, kept: list[int]) -> float:
     """The criterion of what M says of some parameters; of the diffusivity alone every one is its information."""
     found = on(matrix, kept)
     return max(float(found[0, 0]), 0.0) if len(kept) == 1 else size(found, criterion)

@@ -162,6 +162,12 @@ class Settled:
         """95 %, of ln(alpha/start)."""
         return _interval_95(self)
 
+    @property
+    def of_constants(self) -> np.ndarray:
+        """What one standard deviation of each constant (offsets, positions, gains) makes of ln(alpha)."""
+        readings = len(self.noise.whiten)
+        return self.inverse[0, readings:][self.names.constants[1:]]
+
     def model_shift(self, apart: np.ndarray) -> float:
         """How far an error of the predictions, K at the rows, moves ln(alpha)."""
         binned = np.asarray(self.problem.bins.mean(jnp.asarray(apart)))

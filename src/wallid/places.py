@@ -211,7 +211,7 @@ class _Look:
     def __init__(self, case: Case, looking: Looking, of: Of):
         row = int(looking.starts[0])
         present = np.isfinite(case.record.sensors[row : row + looking.rows])
-        self.logged = present.any(axis=1)  # a further sensor has its readings when any of the others has
+        self.logged = np.asarray(present.any(axis=1))  # a further sensor has its readings when any of the others has
         self.looking = looking
         self.seen = [(s, looking.seen(0, s, sensor, present[:, s])) for s, sensor in enumerate(case.sensors)]
         self.matrix = self._fisher(self.seen)

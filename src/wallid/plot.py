@@ -19,6 +19,7 @@ from .estimate import Estimate
 from .experiment import Window, fit_profile
 from .lengths import Lengths
 from .mim import Learned
+from .plot_campaign import forest
 from .plot_design import sampling, sensor_places
 from .plot_discrepancy import (
     confusability,
@@ -262,6 +263,7 @@ __all__ = [
     "density",
     "figure",
     "flux",
+    "forest",
     "hourly_residual",
     "initial_profile",
     "last_week",

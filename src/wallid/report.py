@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from .campaign import Pooled
 from .check import describe
 from .discrepancy import Explanation
 from .effects import untestable
@@ -31,7 +32,8 @@ def result(run: Run) -> dict[str, Any]:
     found: dict[str, Any] = {"schema": SCHEMA, "case": case.name}
     if (window := _window(run)) is not None:
         found["window"] = window
-    diffusivity = None if fit is None else _quantity(fit)
+    final = fit or run.campaign
+    diffusivity = None if final is None else _quantity(final)
     found |= {"diffusivity": diffusivity, "diffusivity_before": diffusivity}
     found["verdict"] = "uninformative" if run.unreliable else None
     found |= {"effects": [], "gap": None, "iterations": None, "reason": run.unreliable or None}
@@ -58,6 +60,8 @@ def result(run: Run) -> dict[str, Any]:
         found["interval"] = _interval(fit)
     if fit is not None and fit.thermal is not None:
         found |= _thermal(fit.thermal)
+    if run.campaign is not None:
+        found["windows"] = _campaign(run.campaign)
     if run.design is not None:
         found["design"] = _design(run)
     if run.learned is not None:
@@ -85,6 +89,8 @@ def _window(run: Run) -> dict[str, Any] | None:
         window = run.fit.window
     elif run.design is not None:
         window = run.design.best
+    elif run.campaign is not None:
+        window = run.campaign.span
     elif run.explanation is not None:
         window = diagnosed(run.case)
     else:
@@ -128,6 +134,28 @@ def _design(run: Run) -> dict[str, Any]:
     return found
 
 
+def _campaign(pooled: Pooled) -> dict[str, Any]:
+    """Every window's estimate, and whether they agree."""
+    mean = pooled.mean
+    return {
+        "informative": len(pooled.used),
+        "chi_square": None if mean is None else mean.chi_square,
+        "degrees_of_freedom": None if mean is None else mean.freedom,
+        "p_value": None if mean is None else mean.p_value,
+        "relative_std_between": None if mean is None else mean.between,
+        "each": [
+            {
+                "start": label,
+                "diffusivity": None if fit is None else _quantity(fit),
+                "informative": k in pooled.used,
+                "weight": pooled.weight(k),
+                "reason": "no reading" if fit is None else fit.reason or None,
+            }
+            for k, (label, fit) in enumerate(zip(pooled.labels, pooled.fits, strict=True))
+        ],
+    }
+
+
 def _evidence(explanation: Explanation) -> dict[str, Any]:
     """What the diagnosis rests on: beyond the verdict, every effect of the library and why it is in or not."""
     study, noise = explanation.study, explanation.after.noise
@@ -162,7 +190,7 @@ def _evidence(explanation: Explanation) -> dict[str, Any]:
     return found
 
 
-def _quantity(fit: Estimate) -> dict[str, Any]:
+def _quantity(fit: Estimate | Pooled) -> dict[str, Any]:
     return {"value": fit.value, "std": fit.std, "interval_95": list(fit.interval_95), "unit": "m2/s"}
 
 

@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any, Literal
 
 from ._columns import FEWEST_ROWS
+from .campaign import Pooled, campaign
 from .case import Case
 from .check import Check, check
 from .design import Design, design
@@ -32,7 +33,7 @@ Progress = Callable[[str, float], None]
 
 STAGES = ("design", "learn", "estimate", "reliability", "lengths")
 """Of a run; `diagnose` is one more, which takes as long as all of these together many times over, and `check` one
-that only looks at the record. `places` asks where a further sensor would help."""
+that only looks at the record. `places` asks where a further sensor would help, `campaign` every window."""
 
 _DAYS = (1.0, 2.0, 3.0, 5.0, 10.0)  # of the compromise figure
 _MOST_ROWS = 20_000  # past this, one length of the compromise costs seconds: not part of a run
@@ -76,6 +77,7 @@ class Run:
     orders: list[Learned] = field(default_factory=list)
     fit: Estimate | None = None
     reliability: Reliability | None = None
+    campaign: Pooled | None = None
     explanation: Explanation | None = None
     check: Check | None = None
     seconds: dict[str, float] = field(default_factory=dict)
@@ -96,13 +98,15 @@ class Run:
             return self.explanation.sentence if self.explanation.verdict == "uninformative" else ""
         if self.fit is not None:
             return self.fit.reason
+        if self.campaign is not None:
+            return self.campaign.reason
         if self.check is not None:
             return "; ".join(self.check.stops)
         return str(self.design) if self.design is not None and not self.design.informative else ""
 
     def __str__(self) -> str:
         parts = [self.case, self.design, self.lengths, self.places, self.sampling, self.learned, self.fit]
-        parts += [self.reliability, self.explanation]
+        parts += [self.campaign, self.reliability, self.explanation]
         told = [str(part) for part in parts if part is not None]
         if self.check is not None:
             told.append(str(self.check))
@@ -150,7 +154,13 @@ def run(
         begin("check", "check: what the record holds")
         with done.timed("check"):
             done.check = check(case)
-    if set(stages) - {"diagnose", "check"}:
+    if "campaign" in stages:
+        begin("campaign", "estimate: every window")
+        with done.timed("campaign"):
+            done.campaign = campaign(
+                case, progress=lambda k, of: begin.within(f"estimate: window {k + 1} of {of}", k / of)
+            )
+    if set(stages) - {"diagnose", "check", "campaign"}:
         _of_window(done, stages, window, orders, weights, integrator, draws, begin, designing)
     if "diagnose" in stages:
         begin("diagnose", "diagnose: what the plain model misses")
@@ -172,6 +182,7 @@ class _Shares:
             "learn": 5.0 + 4.0 * orders,
             "estimate": 3.0,
             "reliability": 4.0,
+            "campaign": 10.0,
             "diagnose": 60.0,
         }
         self.work = {stage: work[stage] for stage in stages}
