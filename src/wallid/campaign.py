@@ -183,8 +183,12 @@ def campaign(
         progress: told how many windows are done, of how many.
 
     Raises:
-        InputError: windows over one another, or a case with heat flux.
+        InputError: windows over one another, or a case with heat flux or more of the wall free.
     """
+    if case.choices.free:
+        raise InputError(
+            f"[choices] free = {list(case.choices.free)}: estimate without --all-windows, or with the diffusivity alone"
+        )
     if fluxes_of(case):
         raise InputError("fluxes are estimated from the whole record at once: estimate without --all-windows")
     rows = window_rows(case, case.choices.window_days if window_days is None else window_days)

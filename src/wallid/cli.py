@@ -14,6 +14,7 @@ import typer
 from threadpoolctl import threadpool_limits
 
 from . import workflow
+from ._fields import within
 from .case import Case, load
 from .experiment import Window, check_unbroken, window_rows
 from .record import Format
@@ -251,6 +252,15 @@ def estimate(
     weights: Weights = "noise",
     integrator: Integrator = "propagator",
     from_row: From = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--free",
+            metavar="WHAT",
+            help="Estimate this too: layers (each one's diffusivity), film_left, film_right (that face reads the air); "
+            "repeat it.",
+        ),
+    ] = None,
     all_windows: Annotated[
         bool,
         typer.Option("--all-windows", help="One estimate from every window of the record that tells anything."),
@@ -265,13 +275,13 @@ def estimate(
     if all_windows:
         given = {
             "--from-row": from_row is not None, "--bootstrap": bootstrap > 0, "--weights none": weights == "none",
-            "--model mim": model == "mim", "--integrator diffrax": integrator == "diffrax",
+            "--free": bool(free), "--model mim": model == "mim", "--integrator diffrax": integrator == "diffrax",
         }  # fmt: skip
         if wrong := [name for name, there in given.items() if there]:
             _refuse(InputError(f"--all-windows goes through every window by the large model; leave {wrong[0]} out"))
         _go(case, None, ("campaign",), out, json, quiet)
         return
-    _go(case, model, ("design", "learn", "estimate"), out, json, quiet, from_row=from_row, **options)
+    _go(case, model, ("design", "learn", "estimate"), out, json, quiet, from_row=from_row, free=free, **options)
 
 
 @app.command()
@@ -294,6 +304,7 @@ def _go(
     quiet: bool,
     *,
     from_row: int | None = None,
+    free: list[str] | None = None,
     orders: str = "",
     **choices: str | int | workflow.Designing,
 ) -> None:
@@ -303,7 +314,7 @@ def _go(
     try:
         with _progress(quiet or json) as progress:
             progress("reading the case", 0.0)
-            case = _load(name, model, out)
+            case = _load(name, model, out, free)
             window = None if from_row is None else _window(case, from_row)
             done = workflow.run(
                 case,
@@ -326,14 +337,17 @@ def _go(
         raise typer.Exit(1)
 
 
-def _load(name: str, model: str | None, out: Path) -> Case:
-    """The case with the model asked for; settings of this process, which is ours."""
+def _load(name: str, model: str | None, out: Path, free: list[str] | None = None) -> Case:
+    """The case with the model asked for, and what is to be free; settings of this process, which is ours."""
     from .report import check_out
 
     jax.config.update("jax_enable_x64", True)
     threadpool_limits(limits=1, user_api="blas")  # see learn_system for why
     case = load(name)
     check_out(out)
+    if free:
+        with within("--free"):
+            case = replace(case, choices=replace(case.choices, free=tuple(free)))
     return case if model is None else replace(case, choices=replace(case.choices, model=model))
 
 

@@ -19,6 +19,7 @@ from .discrepancy import Explanation
 from .effects import untestable
 from .estimate import Estimate
 from .experiment import diagnosed, scales
+from .identifiability import COLLINEAR
 from .thermal import Thermal
 from .wall import InputError
 from .workflow import Run
@@ -58,6 +59,7 @@ def result(run: Run) -> dict[str, Any]:
         for key, errors, unit in (("offsets", fit.offsets, "K"), ("positions", fit.positions, "m")):
             found[key] = {name: {"value": value, "std": std, "unit": unit} for name, (value, std) in errors.items()}
         found["interval"] = _interval(fit)
+        found |= _told_apart(fit)
     if fit is not None and fit.thermal is not None:
         found |= _thermal(fit.thermal)
     if run.campaign is not None:
@@ -192,6 +194,30 @@ def _evidence(explanation: Explanation) -> dict[str, Any]:
 
 def _quantity(fit: Estimate | Pooled) -> dict[str, Any]:
     return {"value": fit.value, "std": fit.std, "interval_95": list(fit.interval_95), "unit": "m2/s"}
+
+
+def _told_apart(fit: Estimate) -> dict[str, Any]:
+    """What else of the wall was free, and which parameters the record tells apart."""
+    found: dict[str, Any] = {}
+    if fit.structure:
+        found["structure"] = {
+            name: {"value": one.value, "std": one.std, "interval_95": list(one.interval_95), "unit": one.unit}
+            for name, one in fit.structure.items()
+        }
+    apart = fit.identifiability
+    if apart is not None:
+        found["identifiability"] = {
+            "parameters": apart.names,
+            "singular_values": apart.singular_values,
+            "correlations": apart.correlations,
+            "collinearity": [
+                {"parameters": [apart.names[k] for k in subset], "index": index}
+                for subset, index in apart.collinearity.items()
+                if len(subset) == 2 or index > COLLINEAR or len(subset) == len(apart.names)
+            ],
+            "sentence": str(apart),
+        }
+    return found
 
 
 def _interval(fit: Estimate) -> dict[str, Any]:

@@ -225,7 +225,7 @@ def _of_window(
     if window is None:
         window = (done.design or design(case, integrator=integrator, **designing.words)).best
     model: StateSpace
-    if "learn" in stages and case.choices.model == "mim":
+    if "learn" in stages and case.choices.model == "mim" and not case.choices.free:
         begin("learn", "learn: a reduced model for these days")
         with done.timed("learn"):
             done.learned = learn(case, window, integrator=integrator)
@@ -241,7 +241,8 @@ def _of_window(
         begin("estimate", f"estimate: Gauss-Newton{checked}")
         with done.timed("estimate"):
             done.fit = estimate(case, window, model, weights=weights, integrator=integrator, draws=draws)
-    if "reliability" in stages and done.fit is not None:
+    # the whole record is held against the plain wall, which is not what was fitted where more of it was free
+    if "reliability" in stages and done.fit is not None and not case.choices.free:
         begin("reliability", "reliability: the whole record")
         with done.timed("reliability"):
             done.reliability = reliability(case, done.fit, model)
