@@ -156,12 +156,19 @@ def test_lom_and_mim_agree_on_the_demo(command):
 
 
 def test_design_alone(command, tmp_path):
-    ended = command("design", "saint_julien", "--json")
+    ended = command("design", "saint_julien", "--json", "--of", "constants", "--criterion", "E", "--add", 2)
     assert ended.exit_code == 0
     result = json.loads(ended.stdout)
     jsonschema.validate(result, SCHEMA)
     assert result["diffusivity"] is None and result["window"]["criterion"] == 1.0
-    assert (tmp_path / "out" / "design.png").exists()
+    told = result["design"]
+    assert (told["criterion"], told["of"], told["robust"], told["full"]) == ("E", "constants", "no", True)
+    assert len(told["further_sensors"]) == 2 and len(told["places"]["m"]) == 19
+    assert told["further_sensors"][1]["relative_std"] < told["relative_std_without"]
+    assert len(told["sampling"]["step_s"]) == len(told["sampling"]["relative_std"])
+    out = tmp_path / "out"
+    assert (out / "design.png").exists() and (out / "places.png").exists()
+    assert "a fourth sensor helps most" in (out / "report.html").read_text("utf-8")
 
 
 def test_a_window_by_hand(command):

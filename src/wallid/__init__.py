@@ -12,18 +12,22 @@ Switch 64-bit floats on first: `jax.config.update("jax_enable_x64", True)`.
 from importlib import import_module as _import_module
 from importlib.metadata import version as _version
 
+from .campaign import Pooled, campaign
 from .case import Case, load, packaged
-from .design import Design, Lengths, design, lengths
+from .design import Design, design
 from .discrepancy import Explanation, explain
 from .estimate import Estimate, estimate, seconds_of_estimate
 from .experiment import Experiment, Window, experiment, fit_profile, large_model, scales
 from .exponential import Exponential
 from .iso9869 import Average, average_method
 from .learning import learn, learning_signals
+from .lengths import Lengths, lengths
 from .lom import Output, lom
 from .mim import Learned, Signals, choose_order, learn_system, sweep_orders
+from .places import Places, sensor_places
 from .record import Record, read_record
 from .reliability import Loads, Reliability, reliability
+from .sampling import Sampling, sampling
 from .sensitivity import autodiff, explicit
 from .simulate import propagate, simulate, stable_substeps
 from .statespace import StateSpace
@@ -56,8 +60,11 @@ __all__ = [
     "Lengths",
     "Loads",
     "Output",
+    "Places",
+    "Pooled",
     "Record",
     "Reliability",
+    "Sampling",
     "Scales",
     "Sensor",
     "Signals",
@@ -68,6 +75,7 @@ __all__ = [
     "Window",
     "autodiff",
     "average_method",
+    "campaign",
     "choose_order",
     "design",
     "estimate",
@@ -87,8 +95,10 @@ __all__ = [
     "propagate",
     "read_record",
     "reliability",
+    "sampling",
     "scales",
     "seconds_of_estimate",
+    "sensor_places",
     "simulate",
     "stable_substeps",
     "stack",

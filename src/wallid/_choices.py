@@ -9,6 +9,7 @@ from ._columns import FEWEST_ROWS
 from ._fields import InputError, number, one_of, series, settle, whole
 from .record import Record
 
+FREE = ("layers", "film_left", "film_right")
 _DAY = 86400.0
 _MOST_DAYS = 1e5
 _MOST_NODES = 5000  # past it, the dense matrices of the large model fill the memory
@@ -41,6 +42,8 @@ class Choices:
             "robust": readings weighted as stated, the interval by the noise that is then found. None takes
             "estimated", with a heat flux "robust": what a wall's model leaves in a flux is misfit with a long
             memory, whose covariance would let the fast changes alone decide.
+        free: what of the wall is estimated beside its diffusivity: "layers" (the conductivity of each beside the first
+            one's), "film_left", "film_right" (that face's column is the air's temperature).
 
     Raises:
         InputError: a value beyond its limits.
@@ -59,13 +62,18 @@ class Choices:
     max_iterations: int = 100
     largest_interval_factor: float = 3.0
     noise: Literal["estimated", "stated", "robust"] | None = None
+    free: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         one_of("model", self.model, ("mim", "lom"))
         if self.noise is not None:
             one_of("noise", self.noise, ("estimated", "stated", "robust"))
+        free = (self.free,) if isinstance(self.free, str) else tuple(self.free)
+        for part in free:
+            one_of("free", part, FREE)
         settle(
             self,
+            free=tuple(part for part in FREE if part in free),
             window_days=number("window_days", self.window_days, "days", above=0.0, most=_MOST_DAYS),
             order="auto" if self.order == "auto" else whole("order", self.order, 1, 60, instead='or "auto"'),
             nodes=whole("nodes", self.nodes, 5, _MOST_NODES),

@@ -40,6 +40,26 @@ def _design(run: Run) -> str:
     )
 
 
+def _places(run: Run) -> str:
+    if run.places is None:
+        return ""
+    found = run.places
+    return (
+        f"Expected standard error with one more sensor at each of {len(found.places)} places, least at "
+        f"{found.best:.3g} m from the left face, and at other sampling steps."
+    )
+
+
+def _campaign(run: Run) -> str:
+    if run.campaign is None:
+        return ""
+    found = run.campaign
+    return (
+        f"Intervals of {len(found.windows)} windows, {len(found.used)} of them informative; all together "
+        f"{found.value:.4g} m2/s."
+    )
+
+
 def _estimate(run: Run) -> str:
     if run.fit is None:
         return ""
@@ -107,6 +127,16 @@ CAPTIONS: dict[str, tuple[str, Alternative]] = {
         "Which days tell most: how far each reading would move with the diffusivity, and what a window from each "
         "start day would tell, over the best.",
         _design,
+    ),
+    "places": (
+        "What one more sensor would do to the diffusivity's standard error, by its place (dotted: without it), and "
+        "what a row more often or more rarely would.",
+        _places,
+    ),
+    "campaign": (
+        "The 95 % interval of each window (blue: informative, larger dots weigh more; grey: not in the mean), and of "
+        "all of them together.",
+        _campaign,
     ),
     "orders": (
         "Error of the reduced model against its order.",

@@ -91,6 +91,8 @@ class Case:
             raise InputError("no [[sensor]] and no flux; at least one sensor, flux_left or flux_right is needed")
         with within("[choices]"):
             check_choices(self.choices, self.record)
+            if "layers" in self.choices.free and len(self.wall.layers) < 2:
+                raise InputError('free = "layers": the wall has no layers; state two [[wall.layer]] at least')
         if self.choices.learning_diffusivities is None:
             derived = tuple(factor * self.wall.diffusivity_prior for factor in _LEARNING_FACTORS)
             settle(self, choices=replace(self.choices, learning_diffusivities=derived))

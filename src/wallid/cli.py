@@ -14,6 +14,7 @@ import typer
 from threadpoolctl import threadpool_limits
 
 from . import workflow
+from ._fields import within
 from .case import Case, load
 from .experiment import Window, check_unbroken, window_rows
 from .record import Format
@@ -204,9 +205,44 @@ def check(case: CaseArgument, out: Out = OUT, json: Json = False, quiet: Quiet =
 
 
 @app.command()
-def design(case: CaseArgument, out: Out = OUT, json: Json = False, quiet: Quiet = False) -> None:
-    """Which days of the record tell most about the diffusivity, and what longer windows would give."""
-    _go(case, None, ("design", "lengths"), out, json, quiet)
+def design(
+    case: CaseArgument,
+    criterion: Annotated[
+        Literal["D", "A", "E"],
+        typer.Option("--criterion", help="Of the information: determinant, mean variance, or the worst direction."),
+    ] = "D",
+    of: Annotated[
+        Literal["diffusivity", "constants", "all"],
+        typer.Option(
+            "--of",
+            help="What the criterion is of: the diffusivity (where D, A and E agree), with it offsets and positions, "
+            "or all that the estimate leaves free. The last two count in full.",
+        ),
+    ] = "diffusivity",
+    robust: Annotated[
+        Literal["no", "expected", "worst"],
+        typer.Option(
+            "--robust", help="Choose for a quarter to four times the prior diffusivity: on average, or at worst."
+        ),
+    ] = "no",
+    full: Annotated[
+        bool,
+        typer.Option(
+            "--full",
+            help="Count what the interval counts: the faces' noise, positions and the initial profile, too. (The "
+            "places of further sensors always do.)",
+        ),
+    ] = False,
+    add: Annotated[
+        int, typer.Option("--add", min=0, max=6, help="Further sensors to find places for, one after the other.")
+    ] = 1,
+    out: Out = OUT,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Which days of the record tell most, what longer windows would give, and where a further sensor would help."""
+    designing = workflow.Designing(criterion, of, robust, full or of != "diffusivity", add)
+    _go(case, None, ("design", "lengths", "places"), out, json, quiet, designing=designing)
 
 
 @app.command()
@@ -216,6 +252,19 @@ def estimate(
     weights: Weights = "noise",
     integrator: Integrator = "propagator",
     from_row: From = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--free",
+            metavar="WHAT",
+            help="Estimate this too: layers (each one's diffusivity), film_left, film_right (that face reads the air); "
+            "repeat it.",
+        ),
+    ] = None,
+    all_windows: Annotated[
+        bool,
+        typer.Option("--all-windows", help="One estimate from every window of the record that tells anything."),
+    ] = False,
     bootstrap: Draws = 0,
     out: Out = OUT,
     json: Json = False,
@@ -223,7 +272,16 @@ def estimate(
 ) -> None:
     """The diffusivity from the best window (or from one that you name), without the rest."""
     options = {"weights": weights, "integrator": integrator, "draws": bootstrap}
-    _go(case, model, ("design", "learn", "estimate"), out, json, quiet, from_row=from_row, **options)
+    if all_windows:
+        given = {
+            "--from-row": from_row is not None, "--bootstrap": bootstrap > 0, "--weights none": weights == "none",
+            "--free": bool(free), "--model mim": model == "mim", "--integrator diffrax": integrator == "diffrax",
+        }  # fmt: skip
+        if wrong := [name for name, there in given.items() if there]:
+            _refuse(InputError(f"--all-windows goes through every window by the large model; leave {wrong[0]} out"))
+        _go(case, None, ("campaign",), out, json, quiet)
+        return
+    _go(case, model, ("design", "learn", "estimate"), out, json, quiet, from_row=from_row, free=free, **options)
 
 
 @app.command()
@@ -246,8 +304,9 @@ def _go(
     quiet: bool,
     *,
     from_row: int | None = None,
+    free: list[str] | None = None,
     orders: str = "",
-    **choices: str | int,
+    **choices: str | int | workflow.Designing,
 ) -> None:
     """Load, run, write, print; every message to standard error but the summary or the JSON."""
     from . import report
@@ -255,7 +314,7 @@ def _go(
     try:
         with _progress(quiet or json) as progress:
             progress("reading the case", 0.0)
-            case = _load(name, model, out)
+            case = _load(name, model, out, free)
             window = None if from_row is None else _window(case, from_row)
             done = workflow.run(
                 case,
@@ -278,14 +337,17 @@ def _go(
         raise typer.Exit(1)
 
 
-def _load(name: str, model: str | None, out: Path) -> Case:
-    """The case with the model asked for; settings of this process, which is ours."""
+def _load(name: str, model: str | None, out: Path, free: list[str] | None = None) -> Case:
+    """The case with the model asked for, and what is to be free; settings of this process, which is ours."""
     from .report import check_out
 
     jax.config.update("jax_enable_x64", True)
     threadpool_limits(limits=1, user_api="blas")  # see learn_system for why
     case = load(name)
     check_out(out)
+    if free:
+        with within("--free"):
+            case = replace(case, choices=replace(case.choices, free=tuple(free)))
     return case if model is None else replace(case, choices=replace(case.choices, model=model))
 
 

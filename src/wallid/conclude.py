@@ -12,11 +12,14 @@ from .case import Case
 from .estimated import Estimate
 from .experiment import Experiment, Window, fit_profile, large_model, scales
 from .gauss_newton import Trace
+from .identifiability import identifiability
 from .interval import NORMAL_95, Settled, settle
 from .least_squares import Fit, apart, covariance, simple_sigma
 from .likelihood import HIGHEST, LOWEST
+from .quantity import Quantity, lognormal
 from .simulate import Integrator
 from .statespace import StateSpace
+from .structure import film_at, layer_ratios, std_of
 
 _FAR = 3.0  # from the prior: the prior is tried as a start as well
 _MOST_MINIMA = 4
@@ -147,8 +150,35 @@ def conclude(told: Told, settled: Settled, others: list[Settled], draws: int) ->
         covariance=covariance,
         singular_values=singular,
         model_shift=shift,
+        identifiability=identifiability(case, settled) if _finite(settled) and names.count else None,
+        structure=_structure(case, settled),
         bootstrap=bootstrap(settled, draws, case.choices.seed) if draws and not reason else None,
     )
+
+
+def _structure(case: Case, settled: Settled) -> dict[str, Quantity]:
+    """The wall's own parameters that were free: each layer's diffusivity, and films."""
+    names, found = settled.names.structure, {}
+    if not names or not _finite(settled):
+        return {}
+    places = slice(1 + settled.names.of_structure.start, 1 + settled.names.of_structure.stop)
+    z, spread = np.asarray(settled.minimum.parameters)[places], settled.covariance
+    picked = [0, *range(places.start, places.stop)]
+    spread = spread[np.ix_(picked, picked)]
+    if any(name.startswith("layer") for name in names):
+        ratios = layer_ratios(case, names, z)
+        for i, ratio in enumerate(ratios):
+            slope = [np.log(layer_ratios(case, names, z + step)[i] / ratio) for step in 1e-5 * np.eye(len(z))]
+            along = np.array([1.0, *(np.array(slope) / 1e-5)])
+            found[f"layer {i + 1}"] = lognormal(
+                settled.diffusivity * float(ratio), float(along @ spread @ along), settled.quantile, "m2/s"
+            )
+    for side, length in zip(("left", "right"), film_at(case, names, z), strict=True):
+        if (name := f"film_{side}") in names:
+            place = 1 + names.index(name)
+            variance = std_of(name) ** 2 * float(spread[place, place])
+            found[name] = lognormal(length, variance, settled.quantile, "m")
+    return found
 
 
 def _noise_words(settled: Settled) -> str:

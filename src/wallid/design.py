@@ -6,51 +6,35 @@ For the window of rows `W` and the readings' standard deviations `sigma`::
 
 with `dT/dalpha = theta T_ref t_ref / L^2` and b the constant offsets of the sensors whose case states
 an `offset_std` sigma_b: they are projected out, and with them what they make of the initial profile,
-which is fitted through the readings. With one parameter the D-criterion `det F` is I.
-The paper integrates over time where readings are what counts, and takes one sigma.
+which is fitted through the readings. With one parameter the D-criterion `det F` is I, and so are A and E.
+The paper integrates over time where readings are what counts, and takes one sigma. With `full=True` everything counts
+that the estimate's interval counts (`information`).
 
 Source: Berger and Kadoch, Section 4.1; Ucinski, Optimal Measurement Methods (2004).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
 
 from ._fields import one_of
 from .case import Case
-from .experiment import (
-    Experiment,
-    Window,
-    dimensionless_profile,
-    experiment,
-    fit_profile,
-    large_model,
-    scales,
-    window_rows,
-)
+from .experiment import Window, experiment, large_model, scales, window_rows
+from .information import HOPELESS, Criterion, Of, Robust, alphas_of, check_words, merit
 from .record import Record
-from .sensitivity import profile_response
-from .simulate import Integrator, run_rows
+from .simulate import Integrator
 from .statespace import StateSpace
 from .wall import InputError
-
-_HOPELESS = 1e3  # relative standard error
-
-Sweep = Literal["map", "vmap"]
-"""One window after the other (faster on a CPU), or all at once."""
+from .windows import Sweep, cut_information, full_sizes, start_profiles, window_information
 
 
 @dataclass(frozen=True)
 class Design:
-    """The D-criterion of every candidate window.
+    """The criterion of every candidate window.
 
     Arguments:
         rows: of each window.
@@ -58,8 +42,11 @@ class Design:
         diffusivities: at which the criterion was taken, m2/s.
         information: expected information on alpha, (m2/s)^-2, `(diffusivity, window)`; its inverse
             square root is the standard error that the noise alone would leave.
-        best: the window with the largest criterion at the first diffusivity.
+        best: the window with the largest `merit`.
         restart: theta starts at 0 in each window, as in the estimate; else cut from one run.
+        kind, of, robust, full: which criterion, of which parameters, over several diffusivities or at one, and with
+            all that the interval counts or with the readings' own noise and offsets.
+        sizes: the criterion of the information on ln(alpha), or on all parameters; None where that is `information`.
     """
 
     rows: int
@@ -70,12 +57,24 @@ class Design:
     restart: bool
     step: float
     labels: tuple[str, str]
+    kind: Criterion = "D"
+    of: Of = "diffusivity"
+    robust: Robust = "no"
+    full: bool = False
+    sizes: np.ndarray | None = field(default=None, repr=False)
 
     @property
     def criterion(self) -> np.ndarray:
-        """The D-criterion over its largest value, per diffusivity and window, 1."""
-        largest = self.information.max(axis=1, keepdims=True)
-        return self.information / np.where(largest > 0, largest, 1.0)
+        """The criterion over its largest value, per diffusivity and window, 1."""
+        sizes = self.information if self.sizes is None else self.sizes
+        largest = sizes.max(axis=1, keepdims=True)
+        return sizes / np.where(largest > 0, largest, 1.0)
+
+    @property
+    def merit(self) -> np.ndarray:
+        """By which the best window is the best: `criterion` at the first diffusivity, or over all of them, 1."""
+        found = merit(self.information if self.sizes is None else self.sizes, self.robust)
+        return found / found.max() if found.max() > 0 else found
 
     @property
     def start_days(self) -> np.ndarray:
@@ -84,8 +83,8 @@ class Design:
 
     @property
     def expected_error(self) -> float:
-        """The relative standard error that the sensors' noise alone leaves in the best window, 1."""
-        most = float(self.information[0].max())
+        """The relative standard error that the noise leaves in the best window at the first diffusivity, 1."""
+        most = float(self.information[0, int(np.argmax(self.merit))])
         return float(1.0 / np.sqrt(most) / self.diffusivities[0]) if most > 0 else np.inf
 
     @property
@@ -94,7 +93,7 @@ class Design:
 
         The bar is low, since the prior diffusivity may be far off.
         """
-        return self.expected_error < _HOPELESS
+        return self.expected_error < HOPELESS
 
     def __str__(self) -> str:
         if not self.informative:
@@ -102,12 +101,17 @@ class Design:
                 f"no window of {self.rows} rows tells anything about the diffusivity: the faces stand still, "
                 "or no inner sensor has a reading while they move"
             )
-        near = int(np.sum(self.criterion[0] >= 0.98))
+        near = int(np.sum(self.merit >= 0.98))
+        counted = "all that the interval counts" if self.full else "the sensors' noise alone"
         return (
             f"best window  {self.labels[0]} to {self.labels[1]} ({self.rows} rows), of {len(self.starts)} candidates\n"
-            f"criterion    at alpha = {self.diffusivities[0]:.3g} m2/s; {near} candidate(s) within 2 % of the largest\n"
-            f"expected     a relative standard error of {self.expected_error:.2%} from the sensors' noise alone"
+            f"criterion    {self._words()}; {near} candidate(s) within 2 % of the largest\n"
+            f"expected     a relative standard error of {self.expected_error:.2%} from {counted}"
         )
+
+    def _words(self) -> str:
+        """Which criterion, at which diffusivity."""
+        return criterion_words(self.kind, self.of, self.robust, self.diffusivities)
 
 
 def design(
@@ -120,12 +124,17 @@ def design(
     sweep: Sweep = "map",
     integrator: Integrator = "propagator",
     model: StateSpace | None = None,
+    criterion: Criterion = "D",
+    of: Of = "diffusivity",
+    robust: Robust = "no",
+    full: bool = False,
 ) -> Design:
     """The best window of a case's record, by the large model at the prior diffusivity.
 
     Arguments:
         window_days: None for the case's choice.
-        diffusivities: None for the prior alone; the best window is the first one's.
+        diffusivities: None for the prior alone (a robust design: a quarter to four times as much); the best window is
+            the first one's.
         every_rows: distance of the candidates' starts; None for one a day, or three where the record is
             hardly longer than the window.
         restart: theta from 0 and a profile fitted at each window's start, as the estimate sees it;
@@ -134,32 +143,52 @@ def design(
         sweep: how the windows are gone through; the same numbers.
         integrator: how the windows' rows are stepped through.
         model: a large model at hand, to spare building it.
+        criterion, of: one number for the information on the "diffusivity", for which D, A and E are the same, on it
+            and the "constants" (offsets and position errors), or on "all" that the estimate leaves free, the initial
+            profile too; the last two need `full`.
+        robust: "expected" or "worst" over the diffusivities, each window's criterion over the best one's at each.
+        full: count all that the estimate's interval counts, the faces' noise, positions and the initial profile too
+            (as stated, white), and not the readings' own noise and offsets alone.
 
     Raises:
-        InputError: a window that the record does not hold, or an unknown sweep.
+        InputError: a window that the record does not hold, an unknown choice, or choices that do not go together.
     """
     one_of("sweep", sweep, ("map", "vmap"))
+    check_words(criterion, of, robust)
+    if (of != "diffusivity" and not full) or (full and not restart):
+        raise InputError(
+            f'of = "{of}" needs full = True: only then are the other parameters counted'
+            if not full
+            else "full = True counts the initial profile of each window, which restart = False does not have"
+        )
     record = case.record
     days = case.choices.window_days if window_days is None else window_days
     rows = window_rows(case, days)
     if every_rows is not None and every_rows < 1:
         raise InputError(f"every_rows = {every_rows}; it must be at least 1")
     starts = candidate_starts(record, rows, every_rows)
-    alphas = (case.wall.diffusivity_prior,) if diffusivities is None else tuple(diffusivities)
+    alphas = alphas_of(case, diffusivities, robust)
+    sizes = None
     system = large_model(case) if model is None else model
     scale = scales(case)
     data = experiment(case)
     fourier = jnp.asarray([scale.fourier(alpha) for alpha in alphas])
-    if restart:
+    per_alpha = scale.fourier(1.0) * scale.temperature
+    if full:
+        sizes, on_log = (found[:, :, 0] for found in full_sizes(case, starts, (rows,), alphas, criterion, of))
+        information = on_log / np.square(alphas)[:, None]
+    elif restart:
         profiles = start_profiles(case, starts)
         info = window_information(
             system, fourier, data, jnp.asarray(starts), profiles, rows=(rows,), sweep=sweep, integrator=integrator
         )[:, :, 0]
+        information = np.asarray(info) * per_alpha**2
     else:
         info = cut_information(system, fourier, data, jnp.asarray(starts), rows=rows, integrator=integrator)
-    per_alpha = scale.fourier(1.0) * scale.temperature
-    information = np.asarray(info) * per_alpha**2
-    best = int(np.argmax(information[0]))
+        information = np.asarray(info) * per_alpha**2
+    if sizes is None and robust != "no":  # on ln(alpha), as diffusivities are compared
+        sizes = information * np.square(alphas)[:, None]
+    best = int(np.argmax(merit(information if sizes is None else sizes, robust)))
     row = int(starts[best])
     return Design(
         rows=rows,
@@ -170,23 +199,25 @@ def design(
         restart=restart,
         step=record.step,
         labels=(str(record.stamp(row)), str(record.stamp(row + rows))),
+        kind=criterion,
+        of=of,
+        robust=robust,
+        full=full,
+        sizes=sizes,
     )
 
 
-class StartProfiles(eqx.Module):
-    """The initial profile of each window, and how it moves with each sensor's offset (1/K)."""
-
-    initial: Float[Array, "window param"]
-    per_offset: Float[Array, "window param sensor"]
-
-
-def start_profiles(case: Case, starts: np.ndarray) -> StartProfiles:
-    """The fitted initial profile at each start, dimensionless."""
-    scale = scales(case)
-    fitted = [fit_profile(case, int(row)) for row in starts]
-    initial = [dimensionless_profile(profile.coefficients, scale) for profile in fitted]
-    per_offset = [profile.per_reading / scale.temperature for profile in fitted]
-    return StartProfiles(jnp.asarray(np.stack(initial)), jnp.asarray(np.stack(per_offset)))
+def criterion_words(kind: Criterion, of: Of, robust: Robust, diffusivities: Sequence[float]) -> str:
+    """Which criterion, of which parameters, at which diffusivities."""
+    named = {
+        "diffusivity": "of the diffusivity (one parameter: D, A and E agree)",
+        "constants": f"{kind}, of diffusivity, offsets and positions",
+        "all": f"{kind}, of all that is free",
+    }[of]
+    if robust == "no":
+        return f"{named}, at alpha = {diffusivities[0]:.3g} m2/s"
+    how = "on average" if robust == "expected" else "at worst"
+    return f"{named}, {how} from alpha = {min(diffusivities):.3g} to {max(diffusivities):.3g} m2/s"
 
 
 def candidate_starts(record: Record, rows: int, every: int | None) -> np.ndarray:
@@ -195,155 +226,3 @@ def candidate_starts(record: Record, rows: int, every: int | None) -> np.ndarray
     if every is None:
         every = min(max(1, round(86400.0 / record.step)), max(1, spare // 2))
     return np.concatenate([np.arange(first, first + part - rows + 1, every) for first, part in record.unbroken])
-
-
-def _offset_columns(
-    system: StateSpace, fo: Array, data: Experiment, per_offset: Array, rows: int, integrator: Integrator
-) -> Float[Array, "time sensor offset"]:
-    """What one kelvin of each estimated offset makes of the predicted readings, K."""
-    places = np.asarray(data.offsets)
-
-    def column(place: Array) -> Array:
-        u = profile_response(system, fo, data.step, rows, -per_offset[:, place], integrator=integrator)
-        return data.temperature * u + jax.nn.one_hot(place, u.shape[1])
-
-    return jnp.moveaxis(jax.vmap(column)(jnp.asarray(places)), 0, -1)
-
-
-def _information(
-    theta: Array, weight: Array, columns: Array | None, offset_std: Array, rows: tuple[int, ...]
-) -> Float[Array, " length"]:
-    """Information on Fo (in u) of the first so many rows each, offsets projected out."""
-    ends = np.asarray(rows) - 1
-    scaled = theta * weight
-    direct = jnp.cumsum(jnp.sum(scaled**2, axis=1))[ends]
-    if columns is None:
-        return direct
-    weighted = columns * weight[:, :, None]
-    mixed = jnp.cumsum(jnp.einsum("ts,tso->to", scaled, weighted), axis=0)[ends]
-    own = jnp.cumsum(jnp.einsum("tso,tsp->top", weighted, weighted), axis=0)[ends]
-    prior = jnp.diag(1.0 / offset_std**2)
-    return direct - jnp.sum(mixed * jnp.linalg.solve(own + prior, mixed[..., None])[..., 0], axis=-1)
-
-
-@eqx.filter_jit
-def window_information(
-    system: StateSpace,
-    fourier: Float[Array, " case"],
-    data: Experiment,
-    starts: Int[Array, " window"],
-    profiles: StartProfiles,
-    *,
-    rows: tuple[int, ...],
-    sweep: Sweep = "map",
-    integrator: Integrator = "propagator",
-) -> Float[Array, "case window length"]:
-    """The information of each window on Fo (in u), theta restarted at each window's start.
-
-    Arguments:
-        starts: first rows of the windows.
-        profiles: the initial profile at each start.
-        rows: the windows' lengths; all come from one run of the longest. What would lie past the
-            record's end holds no readings.
-    """
-    longest = max(rows)
-    inputs_on = jnp.pad(data.inputs, ((0, longest), (0, 0)), mode="edge")
-    weight_on = jnp.pad(data.weight, ((0, longest), (0, 0)))
-    offset_std = data.offset_std[np.asarray(data.offsets, dtype=int)]
-
-    def one(fo: Array, window: tuple[Array, StartProfiles]) -> Array:
-        start, profile = window
-        inputs = jax.lax.dynamic_slice_in_dim(inputs_on, start, longest)
-        weight = jax.lax.dynamic_slice_in_dim(weight_on, start, longest)
-        _, theta = run_rows(system, fo, data.step, inputs, profile.initial, sensitivity=True, integrator=integrator)
-        assert theta is not None
-        columns = None
-        if data.offsets:
-            columns = _offset_columns(system, fo, data, profile.per_offset, longest, integrator)
-        return _information(theta, weight, columns, offset_std, rows)
-
-    windows = (starts, profiles)
-    if sweep == "vmap":
-        return jax.vmap(lambda fo: jax.vmap(lambda window: one(fo, window))(windows))(fourier)
-    return jax.lax.map(lambda fo: jax.lax.map(lambda window: one(fo, window), windows), fourier)
-
-
-@eqx.filter_jit
-def cut_information(
-    system: StateSpace,
-    fourier: Float[Array, " case"],
-    data: Experiment,
-    starts: Int[Array, " window"],
-    *,
-    rows: int,
-    integrator: Integrator = "propagator",
-) -> Float[Array, "case window"]:
-    """The information of each window on Fo (in u), cut from one run over the whole record."""
-    whole = data.inputs.shape[0]
-    offset_std = data.offset_std[np.asarray(data.offsets, dtype=int)]
-
-    def at(fo: Array) -> Array:
-        _, theta = run_rows(system, fo, data.step, data.inputs, data.initial, sensitivity=True, integrator=integrator)
-        assert theta is not None
-        columns = None
-        if data.offsets:
-            columns = _offset_columns(system, fo, data, data.profile_per_offset, whole, integrator)
-        everything = (theta, data.weight, columns)
-
-        def one(start: Array) -> Array:
-            cut = jax.tree.map(lambda part: jax.lax.dynamic_slice_in_dim(part, start, rows), everything)
-            return _information(cut[0], cut[1], cut[2], offset_std, (rows,))[0]
-
-        return jax.lax.map(one, starts)
-
-    return jax.lax.map(at, fourier)
-
-
-@dataclass(frozen=True)
-class Lengths:
-    """The paper's compromise: what a longer window gives, and what its estimate costs.
-
-    Arguments:
-        days: the windows' lengths.
-        criterion: the best window's information, over the longest's, 1.
-        seconds: of one estimate.
-    """
-
-    days: np.ndarray
-    criterion: np.ndarray
-    seconds: np.ndarray
-
-    def __str__(self) -> str:
-        rows = zip(self.days, self.criterion, self.seconds, strict=True)
-        lines = [f"  {d:6.2f} days   criterion {c:5.3f}   {1e3 * s:6.2f} ms" for d, c, s in rows]
-        return "\n".join(["lengths      the best window of each, and what its estimate costs", *lines])
-
-
-def lengths(
-    case: Case,
-    days: Sequence[float],
-    cost: Callable[[Window], float],
-    *,
-    on_length: Callable[[float], None] = lambda days: None,
-) -> Lengths:
-    """The criterion of the best window of each length, and what its estimate costs.
-
-    Arguments:
-        cost: seconds of an estimate from a window, such as `seconds_of_estimate` measures.
-        on_length: told of each length when it is done.
-    """
-    rows = tuple(window_rows(case, length) for length in days)
-    starts = candidate_starts(case.record, min(rows), None)
-    fourier = jnp.asarray([scales(case).fourier(case.wall.diffusivity_prior)])
-    information = np.asarray(
-        window_information(
-            large_model(case), fourier, experiment(case), jnp.asarray(starts), start_profiles(case, starts), rows=rows
-        )
-    )[0]
-    best, seconds = [], []
-    for k, length in enumerate(days):
-        whole = np.where(case.record.holds(starts, rows[k]), information[:, k], -np.inf)
-        best.append(whole.max())
-        seconds.append(cost(Window(int(starts[np.argmax(whole)]), rows[k])))
-        on_length(length)
-    return Lengths(np.asarray(days, float), np.array(best) / max(best), np.array(seconds))

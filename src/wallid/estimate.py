@@ -74,7 +74,7 @@ def estimate(
     Arguments:
         window: None for the whole record, or its longest unbroken part.
         model: None for the case's choice: the large model, or a reduced one learned for the window. With heat flux in
-            the record the large model is taken, whatever is given.
+            the record, or with more of the wall free (`[choices] free`), the large model is taken, whatever is given.
         start: m2/s; None for the case's prior.
         weights: the full covariance of the readings, or the paper's plain sum of squares, whose standard error
             takes the paper's simple sigma for white noise.
@@ -95,15 +95,40 @@ def estimate(
     check_draws(draws, weights)
     window = whole(case) if window is None else as_window(window)
     check_unbroken(case, window)
-    plates = fluxes_of(case)
-    if plates and weights == "noise":
-        return _with_fluxes(case, window, start, eta, sensitivity == "explicit", integrator, draws)
+    if case.choices.free and weights == "none":
+        raise InputError('[choices] free: --weights none estimates the diffusivity alone; take "noise"')
+    if (fluxes_of(case) or case.choices.free) and weights == "noise":
+        return _by_large_model(case, window, start, eta, sensitivity == "explicit", integrator, draws)
     if model is None:
         model = large_model(case) if case.choices.model == "lom" else learn(case, window, integrator=integrator)
+    eta = case.choices.eta if eta is None else eta
+    told = plain_fit(
+        case, window, model, start, eta, weighted=weights == "noise", sensitivity=sensitivity, integrator=integrator
+    )
+    if weights == "none":
+        return simple(told)
+    settled, others = settled_minima(told, eta, sensitivity == "explicit", integrator)
+    return conclude(told, settled, others, draws)
+
+
+def plain_fit(
+    case: Case,
+    window: Window,
+    model: StateSpace | Learned,
+    start: float,
+    eta: float,
+    *,
+    weighted: bool = True,
+    sensitivity: Literal["explicit", "autodiff"] = "explicit",
+    integrator: Integrator = "propagator",
+) -> Told:
+    """The paper's iteration, from which the rounds under the full covariance go on.
+
+    Arguments: as in `estimate`.
+    """
     system = model.system if isinstance(model, Learned) else model
     check_driven(system, case, window)
-    data = experiment(case, window, weighted=weights == "noise")
-    eta = case.choices.eta if eta is None else eta
+    data = experiment(case, window, weighted=weighted)
     fit = fit_experiment(
         system,
         data,
@@ -116,14 +141,10 @@ def estimate(
     )
     reduced = isinstance(model, Learned) or system.order < case.choices.nodes - 2
     words = f"{'reduced' if reduced else 'large'} model of order {system.order}"
-    told = Told(case, window, data, system, fit, reduced, words)
-    if weights == "none":
-        return simple(told)
-    settled, others = settled_minima(told, eta, sensitivity == "explicit", integrator)
-    return conclude(told, settled, others, draws)
+    return Told(case, window, data, system, fit, reduced, words)
 
 
-def _with_fluxes(
+def _by_large_model(
     case: Case,
     window: Window,
     start: float,
@@ -132,15 +153,19 @@ def _with_fluxes(
     integrator: Integrator,
     draws: int,
 ) -> Estimate:
-    """The estimate of a case with heat flux, by the large model: a reduced one does not learn a face's flux."""
+    """The estimate of a case with heat flux, or with more of the wall free: no reduced model learns either."""
     data, system = experiment(case, window), whole_model(case)
-    words = f"large model of order {system.order}, with the flux of the {' and the '.join(fluxes_of(case))} face"
+    plates = fluxes_of(case)
+    words = f"large model of order {system.order}"
+    words += f", with the flux of the {' and the '.join(plates)} face" if plates else ""
+    words += f", free: {', '.join(case.choices.free).replace('_', ' ')}" if case.choices.free else ""
     told = Told(case, window, with_flux(case, window, data), system, None, False, words)
     eta = case.choices.eta if eta is None else eta
     settled, others = settled_minima(told, eta, explicit_theta, integrator, start)
     fit = conclude(told, settled, others, draws)
     steps = int(settled.minimum.trace.count) - 1
-    return replace(fit, thermal=thermal(case, window, settled), iterations=steps, evaluations=steps + 1)
+    found = thermal(case, window, settled) if plates else None
+    return replace(fit, thermal=found, iterations=steps, evaluations=steps + 1)
 
 
 def check_draws(draws: int, weights: str = "noise") -> None:

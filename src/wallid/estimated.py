@@ -9,7 +9,11 @@ import numpy as np
 
 from .bootstrap import Bootstrap
 from .experiment import Profile, Window
+from .identifiability import Identifiability
+from .quantity import Quantity
 from .thermal import Thermal
+
+_WORDS = {"film_left": "left film", "film_right": "right film"}
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,10 @@ class Estimate:
         bootstrap: a check of `std` and interval by drawn readings; None where none was asked for.
         thermal: what heat fluxes told; None without any. `predicted` and `residual` then hold the plates' columns
             after the sensors', W/m2, and there is no paper's iteration: `iterations` are of the rounds.
+        identifiability: which parameters the record tells apart; None for the paper's cost, or where the diffusivity
+            is alone.
+        structure: what else of the wall was free (`[choices] free`): "layer 1" and so on, m2/s; "film_left",
+            "film_right", conductivity over film coefficient, m.
     """
 
     value: float
@@ -71,6 +79,8 @@ class Estimate:
     shares: dict[str, float] = field(default_factory=dict)
     bootstrap: Bootstrap | None = None
     thermal: Thermal | None = None
+    identifiability: Identifiability | None = None
+    structure: dict[str, Quantity] = field(default_factory=dict)
 
     def __str__(self) -> str:
         low, high = self.interval_95
@@ -87,6 +97,9 @@ class Estimate:
         ]
         if self.thermal is not None:  # plain averages stand by themselves, what follows from the estimate does not
             lines += [str(self.thermal)] if self.reliable else [str(average) for average in self.thermal.averages]
+        lines += [f"{_WORDS.get(name, name):<12} {one}" for name, one in self.structure.items()]
+        if self.identifiability is not None and len(self.identifiability.names) > 1:
+            lines.append(f"told apart   {self.identifiability}")
         if self.shares:
             lines.append("variance     " + ", ".join(f"{name} {share:.0%}" for name, share in self.shares.items()))
         if self.bootstrap is not None:

@@ -22,7 +22,9 @@ STEMS = (
     "wall",
     "record",
     "design",
+    "places",
     "orders",
+    "campaign",
     "estimate",
     "reliability",
     "uncertainty",
@@ -49,10 +51,19 @@ def figures(run: Run) -> Iterator[tuple[str, Figure]]:
         yield "record", _record_figure(run)
         if run.design is not None:
             yield "design", _design_figure(run)
+        if run.places is not None and run.sampling is not None:
+            made, axes = plot.figure(1, 2, width=9.0, height=3.8)
+            plot.sensor_places(axes[0], run.places)
+            plot.sampling(axes[1], run.sampling)
+            yield "places", made
         if run.orders:
             made, ax = plot.figure(height=3.2)
             plot.orders(ax, run.orders)
             yield "orders", made
+        if run.campaign is not None:
+            made, ax = plot.figure(height=1.6 + 0.22 * min(len(run.campaign.windows), 40))
+            plot.forest(ax, run.campaign)
+            yield "campaign", made
         if run.fit is not None and run.case.sensors:
             yield "estimate", _estimate_figure(run)
         if run.fit is not None and run.fit.thermal is not None:

@@ -23,10 +23,11 @@ from scipy.special import erfcinv
 from .case import Case
 from .experiment import Experiment, Window, fit_profile, large_model, scales
 from .likelihood import HIGHEST, LOWEST, Free
-from .lom import Output, lom
+from .lom import Output
 from .noise import MOST_READINGS, Bins
-from .sensitivity import explicit
+from .sensitivity import explicit, run
 from .statespace import StateSpace
+from .structure import structure_of, system_at
 
 PROFILE_MODES = 8
 FLUX_NOISE_STD = 1.0  # W/m2
@@ -34,6 +35,7 @@ FLUX_GAIN_STD = 0.05  # as ISO 9869-1 expects of a calibrated plate
 _LEAST_SPAN = 1.0  # K, of the temperatures that the initial profile may lie between
 _SMOOTHED = 9  # frequencies
 _TOLD = 0.01
+_DIFFERENCE = 1e-3  # prior standard deviations: an error of a millionth, far over round-off
 _EDGE = 1e-3  # of the length: a sensor that moves stays that far inside
 
 
@@ -45,6 +47,7 @@ class Names:
         offsets, positions: the sensors that have one, by place.
         common: the faces, whose noise the inner sensors may share.
         modes: how many.
+        structure: what of the wall itself is free, after the positions (`structure`).
         fluxes: the faces ("left", "right") with a plate: ln(conductivity) and the plates' gains come last.
     """
 
@@ -53,6 +56,7 @@ class Names:
     common: tuple[int, ...]
     modes: int
     fluxes: tuple[str, ...] = ()
+    structure: tuple[str, ...] = ()
 
     @property
     def count(self) -> int:
@@ -62,7 +66,7 @@ class Names:
     @property
     def conductivity(self) -> int:
         """The place of ln(conductivity), where there is a flux."""
-        return self.errors + len(self.common) + self.modes
+        return self.linear + self.modes
 
     @property
     def constants(self) -> np.ndarray:
@@ -75,6 +79,16 @@ class Names:
         """Of offsets and positions."""
         return len(self.offsets) + len(self.positions)
 
+    @property
+    def of_structure(self) -> slice:
+        """Their places among all that is free."""
+        return slice(self.errors, self.errors + len(self.structure))
+
+    @property
+    def linear(self) -> int:
+        """Of all before the initial profile's modes."""
+        return self.errors + len(self.structure) + len(self.common)
+
 
 def names_of(case: Case, window: Window) -> Names:
     """What a case leaves free: no mode where the initial profile was given."""
@@ -86,6 +100,7 @@ def names_of(case: Case, window: Window) -> Names:
         common=(0, 1) if case.record.boundary_noise_std > 0 and case.sensors else (),
         modes=0 if known else min(PROFILE_MODES, case.choices.nodes - 2),
         fluxes=plates,
+        structure=structure_of(case),
     )
 
 
@@ -105,25 +120,30 @@ def free_at(
     Arguments:
         start, diffusivity: m2/s; ln(diffusivity/start) is where the positions are linear.
         found: parameters in prior standard deviations, about whose positions the model is made linear.
-        large: the case's large model with all outputs.
+        large: the case's large model with all outputs, at the structure found so far.
         conductivity: W/m/K, about which that of a case with a flux is looked for.
     """
     rows, channels = data.observed.shape
     sensors = channels - len(names.fluxes)
-    linear = names.errors + len(names.common)
-    columns, at = np.zeros((linear, rows, channels)), np.zeros(linear)
+    columns, at = np.zeros((names.linear, rows, channels)), np.zeros(names.linear)
+    structure = found[names.of_structure]
+    at[names.of_structure] = structure
+    for k in range(len(structure)):
+        columns[names.errors + k] = _along(case, data, diffusivity, structure, k)
     for k, s in enumerate(names.offsets):
         columns[k, :, s] = case.sensors[s].offset_std
     moved, moved_slope = np.zeros((2, rows, channels))
     if names.positions:
         first = len(names.offsets)
         about = found[first : names.errors]
-        gradient, moved[:, :sensors], moved_slope[:, :sensors], reached = _moved(case, data, names, diffusivity, about)
+        gradient, moved[:, :sensors], moved_slope[:, :sensors], reached = _moved(
+            case, data, names, diffusivity, about, structure
+        )
         at[first : names.errors] = reached
         for k, s in enumerate(names.positions, start=first):
             columns[k, :, s] = case.sensors[s].position_std * gradient[:, s]
     faces = np.asarray(case.record.window(window.row, window.rows).faces)
-    for k, side in enumerate(names.common, start=names.errors):
+    for k, side in enumerate(names.common, start=names.of_structure.stop):
         columns[k, :, :sensors] = noise_within(faces[:, side], case.record.boundary_noise_std)[:, None]
     modes = names.modes
     part = window_span(case, window)
@@ -177,10 +197,19 @@ def with_flux(case: Case, window: Window, data: Experiment) -> Experiment:
     return eqx.tree_at(lambda d: (d.observed, d.weight), data, (jnp.asarray(observed), jnp.asarray(weight)))
 
 
-def whole_model(case: Case) -> StateSpace:
-    """The case's large model with the sensors, then the plates, as outputs."""
+def whole_model(case: Case, structure: np.ndarray | None = None) -> StateSpace:
+    """The case's large model with the sensors, then the plates, as outputs.
+
+    Arguments:
+        structure: where the wall's own parameters are that are free, prior standard deviations; None for 0.
+    """
     places = {"left": 0.0, "right": case.wall.length}
-    return large_model(case, [Output(places[face], "flux", f"flux_{face}") for face in fluxes_of(case)])
+    plates = [Output(places[face], "flux", f"flux_{face}") for face in fluxes_of(case)]
+    names = structure_of(case)
+    if not names:
+        return large_model(case, plates)
+    sensors = [Output(sensor.position, name=sensor.name) for sensor in case.sensors]
+    return system_at(case, names, np.zeros(len(names)) if structure is None else structure, [*sensors, *plates])
 
 
 def told_range(case: Case, window: Window) -> tuple[float, float]:
@@ -222,7 +251,7 @@ def window_span(case: Case, window: Window) -> float:
 
 
 def _moved(
-    case: Case, data: Experiment, names: Names, diffusivity: float, at: np.ndarray
+    case: Case, data: Experiment, names: Names, diffusivity: float, at: np.ndarray, structure: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Gradient where the sensors are thought to be, K/m; what being there adds, K; its slope by ln(alpha); and `at`.
 
@@ -234,8 +263,7 @@ def _moved(
     places[list(names.positions)] += std * at
     places = np.clip(places, _EDGE * length, (1 - _EDGE) * length)
     outputs = [Output(x) for x in (*stated, *places)] + [Output(x, "gradient") for x in places]
-    degree = data.initial.shape[0] - 1
-    system = lom(case.wall, outputs, nodes=case.choices.nodes, profile_degree=degree).modal()
+    system = system_at(case, names.structure, structure, outputs)
     fourier = scales(case).fourier(diffusivity)
     u, theta = explicit(system, jnp.asarray(fourier), data)
     kelvin, sensors = float(data.temperature), len(stated)
@@ -243,6 +271,16 @@ def _moved(
     here, there, slope = slice(0, sensors), slice(sensors, 2 * sensors), slice(2 * sensors, None)
     reached = (places - stated)[list(names.positions)] / std
     return u[:, slope] / length, u[:, there] - u[:, here], theta[:, there] - theta[:, here], reached
+
+
+def _along(case: Case, data: Experiment, diffusivity: float, structure: np.ndarray, place: int) -> np.ndarray:
+    """What one prior standard deviation more of a parameter of the wall makes of the outputs, K, by differences."""
+    fourier, ends = jnp.asarray(scales(case).fourier(diffusivity)), []
+    for step in (-_DIFFERENCE, _DIFFERENCE):
+        values = structure.copy()
+        values[place] += step
+        ends.append(np.asarray(run(whole_model(case, values), fourier, data)[0]))
+    return float(data.temperature) * (ends[1] - ends[0]) / (2 * _DIFFERENCE)
 
 
 def bins_of(present: np.ndarray, observed: np.ndarray) -> tuple[Bins, int]:

@@ -37,9 +37,11 @@ from .likelihood import Minimum, Problem, face_response, minimise, profile
 from .noise import Bins, Noise, NoiseModel, estimate_noise
 from .simulate import Integrator
 from .statespace import StateSpace
+from .structure import within
 
 NORMAL_95 = 1.959963984540054  # 97.5 % quantile of the normal distribution
 _MOST_ROUNDS = 4
+_STRUCTURE_ROUNDS = 15  # where the wall itself is free: each builds its model anew
 _STILL = 0.1  # of a standard error: a round that moves the estimate by less was the last
 _FEWEST_READINGS = 30  # beyond the parameters: from fewer no noise is estimated
 _SCAN = 25  # diffusivities between the bounds, to see minima elsewhere
@@ -162,6 +164,12 @@ class Settled:
         """95 %, of ln(alpha/start)."""
         return _interval_95(self)
 
+    @property
+    def of_constants(self) -> np.ndarray:
+        """What one standard deviation of each constant (offsets, positions, gains) makes of ln(alpha)."""
+        readings = len(self.noise.whiten)
+        return self.inverse[0, readings:][self.names.constants[1:]]
+
     def model_shift(self, apart: np.ndarray) -> float:
         """How far an error of the predictions, K at the rows, moves ln(alpha)."""
         binned = np.asarray(self.problem.bins.mean(jnp.asarray(apart)))
@@ -178,7 +186,8 @@ class Settled:
         known = float(own @ self.noise.covariance @ own)
         faces = float(own @ self.faces_covariance @ own)
         variance = {"sensors' noise": known - faces, "faces' noise": faces}
-        groups = {"offsets": len(names.offsets), "positions": len(names.positions), "common noise": len(names.common)}
+        groups = {"offsets": len(names.offsets), "positions": len(names.positions)}
+        groups |= {"layers and films": len(names.structure), "common noise": len(names.common)}
         groups |= {"initial profile": names.modes}
         used = 1
         for name, count in groups.items():
@@ -233,7 +242,10 @@ def settle(
     lowest, highest = told_range(case, window)
     value, found, settled = float(np.clip(first, lowest, highest)), np.zeros(names.count), None
     chi_square = 1.0
-    for rounds in range(1, _MOST_ROUNDS + 1):
+    loose, reached = names.of_structure, np.zeros(len(names.structure))
+    for rounds in range(1, (_MOST_ROUNDS if not names.structure else _STRUCTURE_ROUNDS) + 1):
+        if names.structure:
+            system = large = whole_model(case, reached)
         free = free_at(case, window, data, names, float(start), value, found, large, conductivity)
         now = conductivity * math.exp(free.log_std * found[names.conductivity]) if names.fluxes else 0.0
         shape = noise_model(case, data, system, scale.fourier(value), bins, thin, now / length)
@@ -258,13 +270,28 @@ def settle(
             chi_square = float(at.cost) / max(readings - 1, 1)
         settled = Settled(problem, at, shape, noise, names, chi_square, estimated, rounds)
         moved = abs(math.log(settled.diffusivity / value)) if math.isfinite(settled.diffusivity) else math.inf
-        if not math.isfinite(moved) or (rounds > 1 and moved < _STILL * settled.log_std):
+        still = moved < _STILL * settled.log_std and _still(settled, found)
+        if not math.isfinite(moved) or (rounds > 1 and still):
             break
-        value, found = settled.diffusivity, np.asarray(at.parameters)[1:]
+        value, found = settled.diffusivity, np.array(at.parameters)[1:]
+        # the wall's own parameters are linear about where they were: no farther than a prior's standard deviation
+        reached = within(np.clip(found[loose], reached - 1.0, reached + 1.0))
+        found[loose] = reached
     assert settled is not None
+    if names.structure:  # the first round's wall was that of the priors
+        stated = settled.shape.noise(1.0, 0.0, 0.8).whiten @ np.asarray(settled.minimum.left)
+        z = np.asarray(settled.minimum.parameters)[1:]
+        settled = replace(settled, reduced_chi_square=float(stated @ stated + z @ z) / max(readings - 1, 1))
     if kind == "robust" and enough and math.isfinite(settled.diffusivity):
         return replace(settled, robust=_noise_left(settled.shape, settled))
     return settled
+
+
+def _still(settled: Settled, found: np.ndarray) -> bool:
+    """Whether the wall's own parameters stayed where they were."""
+    loose = settled.names.of_structure
+    width = np.sqrt(np.maximum(np.diag(settled.covariance)[1:][loose], 0.0))
+    return bool(np.all(np.abs(np.asarray(settled.minimum.parameters)[1:][loose] - found[loose]) <= _STILL * width))
 
 
 def _noise_left(shape: NoiseModel, settled: Settled) -> Noise:

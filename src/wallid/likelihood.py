@@ -35,8 +35,9 @@ class Free(eqx.Module):
     """What is free beside the diffusivity, as it acts about one diffusivity `alpha_k`.
 
     Arguments:
-        columns: what one prior standard deviation of each offset, position error and common noise adds, K.
-        at: the columns' parameters about which positions are linear, prior standard deviations.
+        columns: what one prior standard deviation of each offset, position error, parameter of the wall itself and
+            common noise adds, K.
+        at: the columns' parameters about which positions and the wall itself are linear, prior standard deviations.
         moved: what the positions at `at` add, K, and `moved_slope`, its derivative by ln(alpha).
         log_alpha: ln(alpha_k / start).
         rates, shapes: of the wall's slowest modes: `x_k' = Fo f_k x_k`, and what 1 K of each is at the sensors.
@@ -112,7 +113,7 @@ class Problem(eqx.Module):
         thermal, sensors = y[1 + columns + modes :], u.shape[1] - free.fluxes
         inside = data.celsius(u[:, :sensors]) + added[:, :sensors] + shaped[:, :sensors]
         scale = free.flux * jnp.exp(free.log_std * thermal[0]) * (1.0 + free.gain_std * thermal[1:])
-        through = scale * (u + shaped / data.temperature)[:, sensors:]
+        through = scale * (u + (shaped + added) / data.temperature)[:, sensors:]
         return jnp.concatenate([inside, through], axis=1)
 
     def binned(self, y: Float[Array, " param"]) -> Float[Array, " reading"]:

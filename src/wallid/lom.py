@@ -67,7 +67,15 @@ def grid(wall: Wall, nodes: int) -> np.ndarray:
     return np.concatenate([*pieces, [1.0]])
 
 
-def lom(wall: Wall, outputs: Sequence[Output], *, nodes: int = 101, profile_degree: int = 2) -> StateSpace:
+def lom(
+    wall: Wall,
+    outputs: Sequence[Output],
+    *,
+    nodes: int = 101,
+    profile_degree: int = 2,
+    film: tuple[float, float] = (0.0, 0.0),
+    places: np.ndarray | None = None,
+) -> StateSpace:
     """The wall as a `StateSpace` whose inputs are its two face temperatures (left, right).
 
     `U' = Fo (A U + B Q)`, `Y = C U + D Q`, `U(0) = P a`: the state are the inner nodes, `a` the
@@ -77,36 +85,55 @@ def lom(wall: Wall, outputs: Sequence[Output], *, nodes: int = 101, profile_degr
         outputs: temperatures and fluxes anywhere in the wall; cubic between nodes, within a layer.
         nodes: with both faces.
         profile_degree: of the initial profile's polynomial.
+        film: conductivity over film coefficient at the left and the right face, m. Above 0 that input is the air's
+            temperature, and the face is a state: `k dT/dn = h (T_air - T_face)`, n outward.
+        places: of the nodes, x*, both faces included; None for `grid`.
 
     Raises:
         ValueError: too few nodes, or an output outside the wall.
     """
     require_x64()
-    places, resistance, cell_capacity = wall_cells(wall, nodes)
-    conductance, capacity = 1.0 / resistance, cell_capacity[1:-1]
+    places, resistance, cell_capacity = wall_cells(wall, nodes, places)
     edges, k, _ = _relative_profile(wall)
-    coupling = -np.diag(conductance[:-1] + conductance[1:])
-    coupling += np.diag(conductance[1:-1], 1) + np.diag(conductance[1:-1], -1)
-    B = np.zeros((nodes - 2, 2))
-    B[0, 0], B[-1, 1] = conductance[0] / capacity[0], conductance[-1] / capacity[-1]
     rows = np.stack([_output_row(output, wall, places, edges, k) for output in outputs])
+    state, coupling, drive = _coupled(1.0 / resistance, (film[0] / wall.length, film[1] / wall.length))
+    capacity, direct = cell_capacity[state], np.zeros((len(rows), 2))
+    for side, face in enumerate((0, len(places) - 1)):
+        if film[side] <= 0.0:
+            direct[:, side] = rows[:, face]
     return StateSpace(
         A=coupling / capacity[:, None],
-        B=B,
-        C=rows[:, 1:-1],
-        D=rows[:, [0, -1]],
-        P=np.vander(places[1:-1], profile_degree + 1, increasing=True),
+        B=drive / capacity[:, None],
+        C=rows[:, state],
+        D=direct,
+        P=np.vander(places[state], profile_degree + 1, increasing=True),
         capacity=jnp.asarray(capacity),
         output_names=tuple(output.name for output in outputs),
     )
 
 
-def wall_cells(wall: Wall, nodes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _coupled(conductance: np.ndarray, film: tuple[float, float]) -> tuple[slice, np.ndarray, np.ndarray]:
+    """Which nodes are states, how heat goes between them, and from the inputs; a face is one behind a film."""
+    last = len(conductance)
+    coupling = np.diag(conductance, 1) + np.diag(conductance, -1)
+    coupling -= np.diag(coupling.sum(axis=1))
+    drive = np.zeros((last + 1, 2))
+    for side, (face, beside) in enumerate(((0, 1), (last, last - 1))):
+        if film[side] > 0.0:
+            drive[face, side] = 1.0 / film[side]
+            coupling[face, face] -= 1.0 / film[side]
+        else:
+            drive[beside, side] = coupling[beside, face]
+    state = slice(0 if film[0] > 0.0 else 1, last + 1 if film[1] > 0.0 else last)
+    return state, coupling[state, state], drive[state]
+
+
+def wall_cells(wall: Wall, nodes: int, places: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places of all nodes, resistances between them, capacities of their cells; sums over a wall are 1.
 
     Each is an integral over its cell, so joints of layers may lie anywhere; the two faces have half cells.
     """
-    places = grid(wall, nodes)
+    places = grid(wall, nodes) if places is None else places
     edges, k, c = _relative_profile(wall)
     cumulative_resistance = np.concatenate([[0.0], np.cumsum(np.diff(edges) / k)])
     cumulative_capacity = np.concatenate([[0.0], np.cumsum(np.diff(edges) * c)])

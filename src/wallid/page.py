@@ -103,6 +103,12 @@ def answer(run: Run, result: dict[str, Any]) -> str:
         return run.explanation.sentence
     if run.unreliable:
         return f"This record gives no number to rely on: {run.unreliable}."
+    if run.campaign is not None:
+        low, high = run.campaign.interval_95
+        return (
+            f"{len(run.campaign.used)} of {len(run.campaign.windows)} windows are informative, and together they give "
+            f"{number(low)} to {number(high)} m²/s (95 %): {run.campaign.agreement}."
+        )
     if run.fit is not None and run.fit.thermal is not None:
         told = run.fit.thermal
         return (

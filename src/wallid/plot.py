@@ -14,10 +14,13 @@ from matplotlib.ticker import MaxNLocator
 
 from ._style import BLUE, DAYS, GREEN, GREY, ORANGE, PURPLE, RED, SENSORS, SKY, YELLOW, colour, figure, style
 from .case import Case
-from .design import Design, Lengths
+from .design import Design
 from .estimate import Estimate
 from .experiment import Window, fit_profile
+from .lengths import Lengths
 from .mim import Learned
+from .plot_campaign import forest
+from .plot_design import sampling, sensor_places
 from .plot_discrepancy import (
     confusability,
     ranked_gains,
@@ -51,9 +54,11 @@ def theta(ax: Axes, case: Case, days: np.ndarray, sensitivity: np.ndarray) -> No
 
 
 def criterion(ax: Axes, design: Design) -> None:
-    """The D-criterion over start days, for each diffusivity, the best window marked."""
+    """The criterion over start days, for each diffusivity, the best window marked."""
     for alpha, values, tint in zip(design.diffusivities, design.criterion, SENSORS, strict=False):
         ax.plot(design.start_days, values, ".-", color=tint, ms=4, label=rf"$\alpha$ = {alpha:.2g} m²/s")
+    if design.robust != "no":
+        ax.plot(design.start_days, design.merit, "-", lw=2.0, color=GREY, label=f"{design.robust}")
     best = design.best.row * design.step / 86400.0
     ax.plot([best], [1.0], "o", ms=9, mfc="none", color=RED, label=f"best, from day {best:g}")
     length = design.rows * design.step / 86400.0
@@ -61,9 +66,9 @@ def criterion(ax: Axes, design: Design) -> None:
         xlabel=f"start of the window of {length:.3g} days (days)",
         ylabel=r"$\Psi / \Psi_{max}$",
         ylim=(0, 1.3),
-        title="Which days tell most (D-criterion)",
+        title=f"Which days tell most ({design.kind}-criterion)",
     )
-    ax.legend(ncols=2, loc="upper right")
+    ax.legend(ncols=2 if len(ax.lines) < 4 else 4, loc="upper right")
 
 
 def compromise(ax: Axes, lengths: Lengths) -> None:
@@ -258,6 +263,7 @@ __all__ = [
     "density",
     "figure",
     "flux",
+    "forest",
     "hourly_residual",
     "initial_profile",
     "last_week",
@@ -269,6 +275,8 @@ __all__ = [
     "record",
     "residual",
     "residual_map",
+    "sampling",
+    "sensor_places",
     "size_by_window",
     "smooth_remainder",
     "style",

@@ -13,11 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from .campaign import Pooled
 from .check import describe
 from .discrepancy import Explanation
 from .effects import untestable
 from .estimate import Estimate
 from .experiment import diagnosed, scales
+from .identifiability import COLLINEAR
 from .thermal import Thermal
 from .wall import InputError
 from .workflow import Run
@@ -31,7 +33,8 @@ def result(run: Run) -> dict[str, Any]:
     found: dict[str, Any] = {"schema": SCHEMA, "case": case.name}
     if (window := _window(run)) is not None:
         found["window"] = window
-    diffusivity = None if fit is None else _quantity(fit)
+    final = fit or run.campaign
+    diffusivity = None if final is None else _quantity(final)
     found |= {"diffusivity": diffusivity, "diffusivity_before": diffusivity}
     found["verdict"] = "uninformative" if run.unreliable else None
     found |= {"effects": [], "gap": None, "iterations": None, "reason": run.unreliable or None}
@@ -56,8 +59,13 @@ def result(run: Run) -> dict[str, Any]:
         for key, errors, unit in (("offsets", fit.offsets, "K"), ("positions", fit.positions, "m")):
             found[key] = {name: {"value": value, "std": std, "unit": unit} for name, (value, std) in errors.items()}
         found["interval"] = _interval(fit)
+        found |= _told_apart(fit)
     if fit is not None and fit.thermal is not None:
         found |= _thermal(fit.thermal)
+    if run.campaign is not None:
+        found["windows"] = _campaign(run.campaign)
+    if run.design is not None:
+        found["design"] = _design(run)
     if run.learned is not None:
         found["reduced_model"] = {
             "order": run.learned.system.order,
@@ -83,16 +91,70 @@ def _window(run: Run) -> dict[str, Any] | None:
         window = run.fit.window
     elif run.design is not None:
         window = run.design.best
+    elif run.campaign is not None:
+        window = run.campaign.span
     elif run.explanation is not None:
         window = diagnosed(run.case)
     else:
         return None
     if run.design is not None and window.row in run.design.starts:
-        criterion = run.design.criterion[0][list(run.design.starts).index(window.row)]
+        criterion = run.design.merit[list(run.design.starts).index(window.row)]
     return {
         "start": record.stamp(window.row),
         "end": record.stamp(window.row + window.rows),
         "criterion": criterion,
+    }
+
+
+def _design(run: Run) -> dict[str, Any]:
+    """By which criterion the days were chosen, where a further sensor would help, and what other steps would give."""
+    design, places, sampling = run.design, run.places, run.sampling
+    assert design is not None
+    found: dict[str, Any] = {
+        "criterion": design.kind,
+        "of": design.of,
+        "robust": design.robust,
+        "full": design.full,
+        "diffusivities": design.diffusivities,
+        "expected_relative_std": design.expected_error,
+    }
+    if places is not None:
+        found["further_sensors"] = [
+            {"place": place, "relative_std": places.std[k, 0, i], "criterion_gain": places.gain[k, i], "unit": "m"}
+            for k, place in enumerate(places.chosen)
+            for i in [int(np.argmin(np.abs(places.places - place)))]
+        ]
+        found["relative_std_without"] = places.std_before[0]
+        found["places"] = {"m": places.places, "relative_std": places.std[0, 0], "criterion_gain": places.gain[0]}
+    if sampling is not None:
+        found["sampling"] = {
+            "step_s": sampling.steps,
+            "relative_std": sampling.std,
+            "interval_95_span": sampling.spans,
+            "shift_by_straight_faces": sampling.shift,
+        }
+    return found
+
+
+def _campaign(pooled: Pooled) -> dict[str, Any]:
+    """Every window's estimate, and whether they agree."""
+    mean = pooled.mean
+    return {
+        "informative": len(pooled.used),
+        "chi_square": None if mean is None else mean.chi_square,
+        "degrees_of_freedom": None if mean is None else mean.freedom,
+        "p_value": None if mean is None else mean.p_value,
+        "relative_std_between": None if mean is None else mean.between,
+        "each": [
+            {
+                "start": label,
+                "diffusivity": None if fit is None else _quantity(fit),
+                "informative": k in pooled.used,
+                "weight": pooled.weight(k),
+                "reason": "no reading" if fit is None else fit.reason or None,
+            }
+            for k, (label, fit) in enumerate(zip(pooled.labels, pooled.fits, strict=True))
+        ],
     }
 
 
@@ -130,8 +192,32 @@ def _evidence(explanation: Explanation) -> dict[str, Any]:
     return found
 
 
-def _quantity(fit: Estimate) -> dict[str, Any]:
+def _quantity(fit: Estimate | Pooled) -> dict[str, Any]:
     return {"value": fit.value, "std": fit.std, "interval_95": list(fit.interval_95), "unit": "m2/s"}
+
+
+def _told_apart(fit: Estimate) -> dict[str, Any]:
+    """What else of the wall was free, and which parameters the record tells apart."""
+    found: dict[str, Any] = {}
+    if fit.structure:
+        found["structure"] = {
+            name: {"value": one.value, "std": one.std, "interval_95": list(one.interval_95), "unit": one.unit}
+            for name, one in fit.structure.items()
+        }
+    apart = fit.identifiability
+    if apart is not None:
+        found["identifiability"] = {
+            "parameters": apart.names,
+            "singular_values": apart.singular_values,
+            "correlations": apart.correlations,
+            "collinearity": [
+                {"parameters": [apart.names[k] for k in subset], "index": index}
+                for subset, index in apart.collinearity.items()
+                if len(subset) == 2 or index > COLLINEAR or len(subset) == len(apart.names)
+            ],
+            "sentence": str(apart),
+        }
+    return found
 
 
 def _interval(fit: Estimate) -> dict[str, Any]:

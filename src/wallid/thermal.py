@@ -18,31 +18,14 @@ from jaxtyping import Array, Float
 
 from .case import Case
 from .experiment import Window, experiment
-from .free import flux_gain_std, fluxes_of, whole_model
+from .free import flux_gain_std, fluxes_of
 from .interval import NORMAL_95, Settled, settle
 from .iso9869 import Average, average_method
 from .likelihood import Free, Problem
+from .quantity import Quantity, lognormal
 
 R_SURFACES = 0.13 + 0.04  # m2 K/W, inside and outside (ISO 6946)
 _FEWEST_HALF = 50  # rows of a half that is to predict the other
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A value with its interval.
-
-    Arguments:
-        value, std: in `unit`. interval_95: ends of the interval.
-    """
-
-    value: float
-    std: float
-    interval_95: tuple[float, float]
-    unit: str
-
-    def __str__(self) -> str:
-        low, high = self.interval_95
-        return f"{self.value:.4g} {self.unit}  +- {self.std:.2g}   (95 %: {low:.4g} to {high:.4g})"
 
 
 @dataclass(frozen=True)
@@ -117,19 +100,17 @@ def thermal(case: Case, window: Window, settled: Settled) -> Thermal:
     alpha, log_k = settled.diffusivity, float(scale**2 * spread[place, place])
     log_c = log_k + float(spread[0, 0]) - 2 * scale * float(spread[0, place])
 
-    def lognormal(value: float, variance: float, unit: str) -> Quantity:
-        std = math.sqrt(max(variance, 0.0))
-        wide = math.exp(min(settled.quantile * std, 700.0))
-        return Quantity(value, value * std, (value / wide, value * wide), unit)
+    def of(value: float, variance: float, unit: str) -> Quantity:
+        return lognormal(value, variance, settled.quantile, unit)
 
-    resistance = lognormal(length / k, log_k, "m2K/W")
+    resistance = of(length / k, log_k, "m2K/W")
     low, high = (1.0 / (R + R_SURFACES) for R in resistance.interval_95[::-1])
     U = 1.0 / (resistance.value + R_SURFACES)
-    capacity = lognormal(length * k / alpha, log_c, "J/m2/K")
+    capacity = of(length * k / alpha, log_c, "J/m2/K")
     part = case.record.window(window.row, window.rows)
     return Thermal(
-        conductivity=lognormal(k, log_k, "W/m/K"),
-        heat_capacity=lognormal(k / alpha, log_c, "J/m3/K"),
+        conductivity=of(k, log_k, "W/m/K"),
+        heat_capacity=of(k / alpha, log_c, "J/m3/K"),
         resistance=resistance,
         areal_heat_capacity=capacity,
         transmittance=Quantity(U, U**2 * resistance.std, (low, high), "W/m2/K"),
@@ -151,7 +132,7 @@ def _held_out(case: Case, window: Window, settled: Settled) -> HeldOut | None:
     half = window.rows // 2
     if half < _FEWEST_HALF:
         return None
-    model, data = whole_model(case), experiment(case, window)
+    model, data = settled.problem.system, experiment(case, window)
     early = settle(case, window, data, model, settled.diffusivity, eta=1e-6, rows_used=half)
     predicted, J = (np.asarray(part) for part in _linear(settled.problem, early.problem.free, early.minimum.parameters))
     data, plates = settled.problem.data, len(fluxes_of(case))

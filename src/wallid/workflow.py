@@ -6,18 +6,24 @@ import time as clock
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
 
 from ._columns import FEWEST_ROWS
+from .campaign import Pooled, campaign
 from .case import Case
 from .check import Check, check
-from .design import Design, Lengths, design, lengths
+from .design import Design, design
 from .discrepancy import Explanation, explain
 from .estimate import Estimate, check_draws, estimate, seconds_of_estimate
 from .experiment import Window, large_model, whole
+from .information import Criterion, Of, Robust
 from .learning import learn, learning_signals
+from .lengths import Lengths, lengths
 from .mim import Learned, sweep_orders
+from .places import Places, sensor_places
 from .reliability import Reliability, reliability
+from .sampling import Sampling, sampling
 from .simulate import Integrator
 from .statespace import StateSpace
 from .wall import InputError
@@ -27,10 +33,31 @@ Progress = Callable[[str, float], None]
 
 STAGES = ("design", "learn", "estimate", "reliability", "lengths")
 """Of a run; `diagnose` is one more, which takes as long as all of these together many times over, and `check` one
-that only looks at the record."""
+that only looks at the record. `places` asks where a further sensor would help, `campaign` every window."""
 
 _DAYS = (1.0, 2.0, 3.0, 5.0, 10.0)  # of the compromise figure
 _MOST_ROWS = 20_000  # past this, one length of the compromise costs seconds: not part of a run
+
+
+@dataclass(frozen=True)
+class Designing:
+    """How a design chooses.
+
+    Arguments:
+        criterion, of, robust, full: as in `design`.
+        added: further sensors to find places for.
+    """
+
+    criterion: Criterion = "D"
+    of: Of = "diffusivity"
+    robust: Robust = "no"
+    full: bool = False
+    added: int = 1
+
+    @property
+    def words(self) -> dict[str, Any]:
+        """For `design` and `lengths`."""
+        return {"criterion": self.criterion, "of": self.of, "robust": self.robust, "full": self.full}
 
 
 @dataclass
@@ -44,10 +71,13 @@ class Run:
     case: Case
     design: Design | None = None
     lengths: Lengths | None = None
+    places: Places | None = None
+    sampling: Sampling | None = None
     learned: Learned | None = None
     orders: list[Learned] = field(default_factory=list)
     fit: Estimate | None = None
     reliability: Reliability | None = None
+    campaign: Pooled | None = None
     explanation: Explanation | None = None
     check: Check | None = None
     seconds: dict[str, float] = field(default_factory=dict)
@@ -68,12 +98,15 @@ class Run:
             return self.explanation.sentence if self.explanation.verdict == "uninformative" else ""
         if self.fit is not None:
             return self.fit.reason
+        if self.campaign is not None:
+            return self.campaign.reason
         if self.check is not None:
             return "; ".join(self.check.stops)
         return str(self.design) if self.design is not None and not self.design.informative else ""
 
     def __str__(self) -> str:
-        parts = [self.case, self.design, self.lengths, self.learned, self.fit, self.reliability, self.explanation]
+        parts = [self.case, self.design, self.lengths, self.places, self.sampling, self.learned, self.fit]
+        parts += [self.campaign, self.reliability, self.explanation]
         told = [str(part) for part in parts if part is not None]
         if self.check is not None:
             told.append(str(self.check))
@@ -96,6 +129,7 @@ def run(
     weights: Literal["noise", "none"] = "noise",
     integrator: Integrator = "propagator",
     draws: int = 0,
+    designing: Designing = Designing(),
     progress: Progress = lambda stage, share: None,
 ) -> Run:
     """The method on a case; the stages asked for, in their order.
@@ -106,6 +140,7 @@ def run(
         weights: of the estimate's readings.
         integrator: how the design's, the learning's and the estimate's rows are stepped through.
         draws: of a bootstrap that checks the estimate's interval; 0 for none.
+        designing: by which criterion days are chosen.
         progress: told of each stage.
 
     Raises:
@@ -119,8 +154,14 @@ def run(
         begin("check", "check: what the record holds")
         with done.timed("check"):
             done.check = check(case)
-    if set(stages) - {"diagnose", "check"}:
-        _of_window(done, stages, window, orders, weights, integrator, draws, begin)
+    if "campaign" in stages:
+        begin("campaign", "estimate: every window")
+        with done.timed("campaign"):
+            done.campaign = campaign(
+                case, progress=lambda k, of: begin.within(f"estimate: window {k + 1} of {of}", k / of)
+            )
+    if set(stages) - {"diagnose", "check", "campaign"}:
+        _of_window(done, stages, window, orders, weights, integrator, draws, begin, designing)
     if "diagnose" in stages:
         begin("diagnose", "diagnose: what the plain model misses")
         with done.timed("diagnose"):
@@ -137,9 +178,11 @@ class _Shares:
             "check": 1.0,
             "design": 2.0,
             "lengths": 4.0,
+            "places": 4.0,
             "learn": 5.0 + 4.0 * orders,
             "estimate": 3.0,
             "reliability": 4.0,
+            "campaign": 10.0,
             "diagnose": 60.0,
         }
         self.work = {stage: work[stage] for stage in stages}
@@ -166,6 +209,7 @@ def _of_window(
     integrator: Integrator,
     draws: int,
     begin: _Shares,
+    designing: Designing,
 ) -> None:
     """The stages about one window: all but the diagnosis."""
     case = done.case
@@ -175,13 +219,13 @@ def _of_window(
     if "design" in stages:
         begin("design", "design: which days tell most")
         with done.timed("design"):
-            done.design = design(case, integrator=integrator)
+            done.design = design(case, integrator=integrator, **designing.words)
         if not done.design.informative and window is None:
             return
     if window is None:
-        window = (done.design or design(case, integrator=integrator)).best
+        window = (done.design or design(case, integrator=integrator, **designing.words)).best
     model: StateSpace
-    if "learn" in stages and case.choices.model == "mim":
+    if "learn" in stages and case.choices.model == "mim" and not case.choices.free:
         begin("learn", "learn: a reduced model for these days")
         with done.timed("learn"):
             done.learned = learn(case, window, integrator=integrator)
@@ -197,7 +241,8 @@ def _of_window(
         begin("estimate", f"estimate: Gauss-Newton{checked}")
         with done.timed("estimate"):
             done.fit = estimate(case, window, model, weights=weights, integrator=integrator, draws=draws)
-    if "reliability" in stages and done.fit is not None:
+    # the whole record is held against the plain wall, which is not what was fitted where more of it was free
+    if "reliability" in stages and done.fit is not None and not case.choices.free:
         begin("reliability", "reliability: the whole record")
         with done.timed("reliability"):
             done.reliability = reliability(case, done.fit, model)
@@ -205,7 +250,14 @@ def _of_window(
     if "lengths" in stages and len(days) > 1:
         begin("lengths", "design: what longer windows give and cost")
         with done.timed("lengths"):
-            done.lengths = lengths(case, days, lambda found: seconds_of_estimate(case, found, model))
+            cost = partial(seconds_of_estimate, case, model=model)
+            done.lengths = lengths(case, days, cost, **designing.words)
+    if "places" in stages and designing.added:
+        begin("places", "design: where a further sensor helps, and other steps")
+        with done.timed("places"):
+            choice = {name: word for name, word in designing.words.items() if name != "full"}
+            done.places = sensor_places(case, window, count=designing.added, **choice)
+            done.sampling = sampling(case, window)
 
 
 def _of_fluxes(

@@ -1,0 +1,76 @@
+"""The paper's compromise: what a longer window gives, and what its estimate costs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+
+from .case import Case
+from .design import candidate_starts
+from .experiment import Window, experiment, large_model, scales, window_rows
+from .information import Criterion, Of, Robust, alphas_of, check_words, merit
+from .windows import full_sizes, start_profiles, window_information
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """The paper's compromise: what a longer window gives, and what its estimate costs.
+
+    Arguments:
+        days: the windows' lengths.
+        criterion: the best window's information, over the longest's, 1.
+        seconds: of one estimate.
+    """
+
+    days: np.ndarray
+    criterion: np.ndarray
+    seconds: np.ndarray
+
+    def __str__(self) -> str:
+        rows = zip(self.days, self.criterion, self.seconds, strict=True)
+        lines = [f"  {d:6.2f} days   criterion {c:5.3f}   {1e3 * s:6.2f} ms" for d, c, s in rows]
+        return "\n".join(["lengths      the best window of each, and what its estimate costs", *lines])
+
+
+def lengths(
+    case: Case,
+    days: Sequence[float],
+    cost: Callable[[Window], float],
+    *,
+    full: bool = False,
+    criterion: Criterion = "D",
+    of: Of = "diffusivity",
+    robust: Robust = "no",
+    diffusivities: Sequence[float] | None = None,
+    on_length: Callable[[float], None] = lambda days: None,
+) -> Lengths:
+    """The criterion of the best window of each length, and what its estimate costs.
+
+    Arguments:
+        cost: seconds of an estimate from a window, such as `seconds_of_estimate` measures.
+        full, criterion, of, robust, diffusivities: as in `design`.
+        on_length: told of each length when it is done.
+    """
+    check_words(criterion, of, robust)
+    rows = tuple(window_rows(case, length) for length in days)
+    starts = candidate_starts(case.record, min(rows), None)
+    alphas = alphas_of(case, diffusivities, robust)
+    if full:
+        information = full_sizes(case, starts, rows, alphas, criterion, of)[0]
+    else:
+        fourier = jnp.asarray([scales(case).fourier(alpha) for alpha in alphas])
+        profiles, system = start_profiles(case, starts), large_model(case)
+        found = window_information(system, fourier, experiment(case), jnp.asarray(starts), profiles, rows=rows)
+        information = np.asarray(found) * np.square(np.asarray(fourier))[:, None, None]
+    best, seconds = [], []
+    for k, length in enumerate(days):
+        there = np.flatnonzero(case.record.holds(starts, rows[k]))
+        sizes = information[:, there, k]
+        at = int(np.argmax(merit(sizes, robust)))
+        best.append(sizes[:, at])
+        seconds.append(cost(Window(int(starts[there[at]]), rows[k])))
+        on_length(length)
+    return Lengths(np.asarray(days, float), merit(np.array(best).T, robust), np.array(seconds))

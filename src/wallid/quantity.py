@@ -1,0 +1,31 @@
+"""A value with its interval."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A value with its interval.
+
+    Arguments:
+        value, std: in `unit`. interval_95: ends of the interval.
+    """
+
+    value: float
+    std: float
+    interval_95: tuple[float, float]
+    unit: str
+
+    def __str__(self) -> str:
+        low, high = self.interval_95
+        return f"{self.value:.4g} {self.unit}  +- {self.std:.2g}   (95 %: {low:.4g} to {high:.4g})"
+
+
+def lognormal(value: float, variance: float, quantile: float, unit: str) -> Quantity:
+    """A quantity whose logarithm is normal, its interval `quantile` standard deviations on both sides."""
+    std = math.sqrt(max(variance, 0.0))
+    wide = math.exp(min(quantile * std, 300.0))
+    return Quantity(value, value * std, (value / wide, value * wide), unit)
