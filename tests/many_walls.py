@@ -65,8 +65,13 @@ def main():
         jax.distributed.initialize(address, int(processes), int(number))
     mesh = jax.make_mesh((jax.device_count(),), ("device",))
     found = wallid.estimate_walls(*walls(NOISE), mesh=mesh)
+    windows = () if job else wallid.design(wallid.load("saint_julien"), mesh=mesh).information
     np.savez(
-        out, devices=jax.device_count(), diffusivity=np.asarray(found.diffusivity), std=np.asarray(found.relative_std)
+        out,
+        devices=jax.device_count(),
+        diffusivity=np.asarray(found.diffusivity),
+        std=np.asarray(found.relative_std),
+        windows=windows,
     )
 
 

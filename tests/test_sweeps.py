@@ -116,6 +116,8 @@ def test_eight_devices_give_one_devices_numbers(tmp_path):
     assert found["devices"] == 8
     np.testing.assert_allclose(found["diffusivity"], alone.diffusivity, rtol=1e-12)
     np.testing.assert_allclose(found["std"], alone.relative_std, rtol=1e-12)
+    design = wallid.design(wallid.load("saint_julien"))
+    np.testing.assert_allclose(found["windows"], design.information, rtol=1e-12)
 
 
 def test_two_processes_give_one_processs_numbers(tmp_path):

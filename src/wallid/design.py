@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import Mesh
 
 from ._fields import one_of
 from .case import Case
@@ -28,8 +29,9 @@ from .information import HOPELESS, Criterion, Of, Robust, alphas_of, check_words
 from .record import Record
 from .simulate import Integrator
 from .statespace import StateSpace
+from .sweeps import Sweep
 from .wall import InputError
-from .windows import Sweep, cut_information, full_sizes, start_profiles, window_information
+from .windows import cut_information, full_sizes, start_profiles, window_information
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,7 @@ def design(
     every_rows: int | None = None,
     restart: bool = True,
     sweep: Sweep = "map",
+    mesh: Mesh | None = None,
     integrator: Integrator = "propagator",
     model: StateSpace | None = None,
     criterion: Criterion = "D",
@@ -140,7 +143,7 @@ def design(
         restart: theta from 0 and a profile fitted at each window's start, as the estimate sees it;
             False cuts one theta of the whole record, as the paper does (across a break of the record it
             goes along a straight line).
-        sweep: how the windows are gone through; the same numbers.
+        sweep, mesh: how the windows are gone through, see `wallid.sweep`; the same numbers.
         integrator: how the windows' rows are stepped through.
         model: a large model at hand, to spare building it.
         criterion, of: one number for the information on the "diffusivity", for which D, A and E are the same, on it
@@ -180,7 +183,15 @@ def design(
     elif restart:
         profiles = start_profiles(case, starts)
         info = window_information(
-            system, fourier, data, jnp.asarray(starts), profiles, rows=(rows,), sweep=sweep, integrator=integrator
+            system,
+            fourier,
+            data,
+            jnp.asarray(starts),
+            profiles,
+            rows=(rows,),
+            sweep=sweep,
+            integrator=integrator,
+            mesh=mesh,
         )[:, :, 0]
         information = np.asarray(info) * per_alpha**2
     else:

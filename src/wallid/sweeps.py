@@ -117,7 +117,7 @@ def _on_mesh(function: Callable, items: PyTree, shared: tuple, way: Sweep, chunk
     # on the host, so that each process sends its own devices what is theirs
     whole = jax.tree.map(np.asarray, padded(items, -(-count // devices) * devices))
     spread = jax.device_put(whole, NamedSharding(mesh, by_device))
-    arrays, static = eqx.partition(shared, eqx.is_array_like)
+    arrays, static = eqx.partition(shared, lambda leaf: isinstance(leaf, jax.Array | np.ndarray))
     arrays = jax.device_put(jax.tree.map(np.asarray, arrays), NamedSharding(mesh, everywhere))
     answers = _sharded(function, spread, arrays, static, way, chunk, mesh, by_device)
     return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[:count]), answers)

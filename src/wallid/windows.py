@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import Mesh
 from jaxtyping import Array, Float, Int
 
 from .case import Case
@@ -18,9 +18,8 @@ from .information import Criterion, Looking, Of, fisher, kept, rows_per_bin, std
 from .sensitivity import profile_response
 from .simulate import Integrator, run_rows
 from .statespace import StateSpace
-
-Sweep = Literal["map", "vmap"]
-"""One window after the other (faster on a CPU), or all at once."""
+from .sweeps import Sweep
+from .sweeps import sweep as over_items
 
 
 def full_sizes(
@@ -102,7 +101,6 @@ def _information(
     return direct - jnp.sum(mixed * jnp.linalg.solve(own + prior, mixed[..., None])[..., 0], axis=-1)
 
 
-@eqx.filter_jit
 def window_information(
     system: StateSpace,
     fourier: Float[Array, " case"],
@@ -113,6 +111,7 @@ def window_information(
     rows: tuple[int, ...],
     sweep: Sweep = "map",
     integrator: Integrator = "propagator",
+    mesh: Mesh | None = None,
 ) -> Float[Array, "case window length"]:
     """The information of each window on Fo (in u), theta restarted at each window's start.
 
@@ -121,27 +120,41 @@ def window_information(
         profiles: the initial profile at each start.
         rows: the windows' lengths; all come from one run of the longest. What would lie past the
             record's end holds no readings.
+        sweep, mesh: how the windows are gone through, see `wallid.sweep`.
     """
-    longest = max(rows)
-    inputs_on = jnp.pad(data.inputs, ((0, longest), (0, 0)), mode="edge")
-    weight_on = jnp.pad(data.weight, ((0, longest), (0, 0)))
-    offset_std = data.offset_std[np.asarray(data.offsets, dtype=int)]
+    beyond = (0, max(rows))
+    inputs = np.pad(np.asarray(data.inputs), (beyond, (0, 0)), mode="edge")
+    weight = np.pad(np.asarray(data.weight), (beyond, (0, 0)))
+    extended = eqx.tree_at(lambda d: (d.inputs, d.weight), data, (jnp.asarray(inputs), jnp.asarray(weight)))
+    shared = (system, fourier, extended, rows, sweep, integrator)
+    return jnp.moveaxis(over_items(_of_window, (starts, profiles), *shared, way=sweep, mesh=mesh), 0, 1)
 
-    def one(fo: Array, window: tuple[Array, StartProfiles]) -> Array:
-        start, profile = window
-        inputs = jax.lax.dynamic_slice_in_dim(inputs_on, start, longest)
-        weight = jax.lax.dynamic_slice_in_dim(weight_on, start, longest)
-        _, theta = run_rows(system, fo, data.step, inputs, profile.initial, sensitivity=True, integrator=integrator)
+
+def _of_window(
+    window: tuple[Array, StartProfiles],
+    system: StateSpace,
+    fourier: Array,
+    extended: Experiment,
+    rows: tuple[int, ...],
+    sweep: Sweep,
+    integrator: Integrator,
+) -> Float[Array, "case length"]:
+    """The information of one window, at each diffusivity and for each length."""
+    (start, profile), longest = window, max(rows)
+    inputs, weight = (
+        jax.lax.dynamic_slice_in_dim(course, start, longest) for course in (extended.inputs, extended.weight)
+    )
+    offset_std = extended.offset_std[np.asarray(extended.offsets, dtype=int)]
+
+    def at(fo: Array) -> Array:
+        _, theta = run_rows(system, fo, extended.step, inputs, profile.initial, sensitivity=True, integrator=integrator)
         assert theta is not None
         columns = None
-        if data.offsets:
-            columns = _offset_columns(system, fo, data, profile.per_offset, longest, integrator)
+        if extended.offsets:
+            columns = _offset_columns(system, fo, extended, profile.per_offset, longest, integrator)
         return _information(theta, weight, columns, offset_std, rows)
 
-    windows = (starts, profiles)
-    if sweep == "vmap":
-        return jax.vmap(lambda fo: jax.vmap(lambda window: one(fo, window))(windows))(fourier)
-    return jax.lax.map(lambda fo: jax.lax.map(lambda window: one(fo, window), windows), fourier)
+    return jax.vmap(at)(fourier) if sweep == "vmap" else jax.lax.map(at, fourier)
 
 
 @eqx.filter_jit

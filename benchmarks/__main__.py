@@ -1,0 +1,75 @@
+"""wallid beside what a user would take instead, on the same work in one run: `python -m benchmarks [WORK ...]`.
+
+Without a work all of them, in under 15 minutes on two idle cores. Each contender runs in a process of its own; what is
+printed is the median of its runs after the first, the first call with its compilation apart, its peak memory and its
+error against a reference, then what is asked and whether it is met. The rivals are the extra `bench`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from .measure import AbsentError, Measured, machine, measure
+from .table import as_markdown, scaling_figure
+
+WORKS = ("simulate", "sweep", "campaign", "learn", "orders", "estimate", "oed", "walls", "scaling", "cold")
+
+
+def measured(works: list[str], console: Console) -> tuple[dict[str, dict[str, Measured]], dict[str, dict[str, str]]]:
+    """Every contender of every work, and why those that are missing are."""
+    found: dict[str, dict[str, Measured]] = {work: {} for work in works}
+    absent: dict[str, dict[str, str]] = {work: {} for work in works}
+    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True) as progress:
+        for work in works:
+            for name in importlib.import_module(f"benchmarks.works.{work}").CONTENDERS:
+                task = progress.add_task(f"{work}: {name}", total=None)
+                try:
+                    found[work][name] = measure(work, name)
+                except (AbsentError, RuntimeError) as error:
+                    absent[work][name] = str(error)
+                    progress.console.print(f"{work}: {name}: {error}", style="red", markup=False)
+                progress.remove_task(task)
+    return found, absent
+
+
+def main() -> None:
+    """Measure, print, write."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("works", nargs="*", metavar="WORK", help=f"one or more of: {', '.join(WORKS)} (default: all)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("wallid-out/benchmarks"), help="folder of results.json and .md"
+    )
+    chosen = parser.parse_args()
+    works = chosen.works or list(WORKS)
+    unknown = [work for work in works if work not in WORKS]
+    if unknown:
+        parser.error(f"no work {unknown[0]!r}; there are {', '.join(WORKS)}")
+    console = Console()
+    ground = machine()
+    if ground["load_at_start"] > 0.5:
+        console.print(
+            f"other work is running here (load {ground['load_at_start']:.1f}): times will be too long, ratios unsure",
+            style="yellow",
+        )
+    found, absent = measured(works, console)
+    chosen.out.mkdir(parents=True, exist_ok=True)
+    text = as_markdown(found, absent, ground)
+    (chosen.out / "results.md").write_text(text, encoding="utf-8")
+    results = {work: [asdict(one) for one in of.values()] for work, of in found.items()}
+    record = {"machine": ground, "results": results, "absent": absent}
+    (chosen.out / "results.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
+    if found.get("scaling"):
+        scaling_figure(found["scaling"], chosen.out / "scaling.png")
+    console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+if __name__ == "__main__":
+    main()

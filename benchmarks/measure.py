@@ -1,0 +1,174 @@
+"""One contender at one work, measured in a process of its own: first call, median of the others, peak memory, error.
+
+A process of its own, since a compilation, a cache or a peak of memory that one contender leaves would be another's gain
+or loss. What a contender must have beforehand (matrices, a record, a learned model) is prepared outside the clock.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import platform
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+LONGEST, FEWEST, MOST = 2.0, 3, 200  # s of repeated runs; runs
+PACKAGES = ("wallid", "jax", "jaxlib", "equinox", "diffrax", "optimistix", "numpy", "scipy", "pymor", "pyswarms")
+
+
+class AbsentError(Exception):
+    """A contender that this machine does not have (no gcc, a package that is not installed)."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A contender that is ready to run.
+
+    **Arguments:** `run`: the work, its answer ready when it returns; `error`: of such an answer, against the work's
+    reference, by name; `units`: how many of the work's units one run does (diffusivities, walls).
+    """
+
+    run: Callable[[], Any]
+    error: Callable[[Any], dict[str, float]]
+    units: int = 1
+    once: bool = False  # so long that the first run is the only one
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What one contender needed: seconds (a run, of one unit, the first call), MiB above the start, errors."""
+
+    work: str
+    contender: str
+    seconds: float
+    quartiles: tuple[float, float]
+    runs: int
+    units: int
+    first: float
+    memory: float
+    busy: float  # cores that a run kept busy
+    error: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def each(self) -> float:
+        """Seconds of one unit."""
+        return self.seconds / self.units
+
+
+def _peak() -> float:
+    """The process's largest resident memory since it was last reset, MiB."""
+    try:
+        status = Path("/proc/self/status").read_text(encoding="ascii")
+        return float(status.split("VmHWM:")[1].split()[0]) / 1024
+    except (OSError, IndexError):
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def _reset_peak() -> None:
+    try:
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    except OSError:
+        return
+
+
+def timed(run: Callable[[], Any]) -> tuple[float, Any]:
+    """Wall clock of one run, and its answer."""
+    began = time.perf_counter()
+    answer = run()
+    return time.perf_counter() - began, answer
+
+
+def measure_here(work: str, contender: str) -> Measured:
+    """Measure in this process: the contender's first call, then its runs until two seconds have gone."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    prepared: Prepared = importlib.import_module(f"benchmarks.works.{work}").CONTENDERS[contender]()
+    _reset_peak()
+    before = _peak()
+    first, answer = timed(prepared.run)
+    taken: list[float] = [first] if prepared.once else []
+    worked = time.process_time()
+    while not prepared.once and (len(taken) < FEWEST or (sum(taken) < LONGEST and len(taken) < MOST)):
+        seconds, answer = timed(prepared.run)
+        taken.append(seconds)
+    busy = 1.0 if prepared.once else (time.process_time() - worked) / sum(taken)
+    memory = _peak() - before
+    low, middle, high = np.quantile(taken, [0.25, 0.5, 0.75])
+    error = {name: float(value) for name, value in prepared.error(answer).items()}
+    spread = (float(low), float(high))
+    return Measured(work, contender, float(middle), spread, len(taken), prepared.units, first, memory, busy, error)
+
+
+def measure(work: str, contender: str) -> Measured:
+    """The same in a fresh process.
+
+    Raises:
+        AbsentError: the contender says that it cannot run here.
+        RuntimeError: it failed, with the last of what it said.
+    """
+    command = [sys.executable, "-m", "benchmarks.measure", work, contender]
+    surroundings = os.environ | {"JAX_PLATFORMS": os.environ.get("JAX_PLATFORMS", "cpu")}
+    surroundings.pop("JAX_COMPILATION_CACHE_DIR", None)  # a first call is one without a cache
+    own = getattr(importlib.import_module(f"benchmarks.works.{work}"), "SURROUNDINGS", {}).get(contender, {})
+    surroundings |= {name: value.format(cores=cores()) for name, value in own.items()}
+    done = subprocess.run(command, capture_output=True, text=True, env=surroundings)
+    last = done.stdout.strip().splitlines()[-1:] or [""]
+    if done.returncode == 3:
+        raise AbsentError(last[0])
+    if done.returncode != 0:
+        raise RuntimeError(f"{work}, {contender}: {done.stderr[-2000:]}")
+    found = json.loads(last[0])
+    return Measured(**found | {"quartiles": tuple(found["quartiles"])})
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def machine() -> dict[str, Any]:
+    """What the figures were measured on and with."""
+    versions = {}
+    for package in PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = "absent"
+    model = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        model = next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        pass
+    return {
+        "processor": model,
+        "cores": cores(),
+        "load_at_start": os.getloadavg()[0],
+        "python": platform.python_version(),
+        "versions": versions,
+    }
+
+
+def main() -> None:
+    """The measuring process: prints its result as JSON."""
+    work, contender = sys.argv[1:3]
+    try:
+        print(json.dumps(asdict(measure_here(work, contender))))
+    except AbsentError as absent:
+        print(absent)
+        sys.exit(3)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,61 @@
+"""The C recurrence as a function: compiled by gcc for one order and number of sensors."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from wallid import StateSpace
+from wallid.exponential import step_map
+
+from ..measure import AbsentError
+
+FLAGS = ("-O3", "-march=native")  # what the issue names; -ffast-math gains nothing here
+
+
+def compiled(system: StateSpace, step: float, inputs: np.ndarray, initial: np.ndarray) -> Callable[[np.ndarray], tuple]:
+    """`run(fouriers)`: the last Fourier number's u and theta, each number's recurrence run in turn.
+
+    Raises:
+        AbsentError: no gcc.
+    """
+    if shutil.which("gcc") is None:
+        raise AbsentError("no gcc on this machine")
+    order, sensors = system.order, system.C.shape[0]
+    library = Path(tempfile.mkdtemp()) / "recurrence.so"
+    source = Path(__file__).with_suffix(".c")
+    shape = (f"-DORDER={order}", f"-DSENSORS={sensors}")
+    subprocess.run(["gcc", *FLAGS, *shape, "-shared", "-fPIC", "-o", str(library), str(source)], check=True)
+    function = ctypes.CDLL(str(library)).recurrence
+    q = np.ascontiguousarray(inputs)
+    u, theta = np.empty((len(q), sensors)), np.empty((len(q), sensors))
+    start = np.ascontiguousarray(system.P @ initial)
+    held: dict[float, list[np.ndarray]] = {}  # or the arrays under the pointers would go
+    kept: dict[float, list[ctypes.c_void_p]] = {}
+
+    def arguments(fourier: float) -> list[ctypes.c_void_p]:
+        if fourier not in kept:
+            exact = step_map(system, np.asarray(fourier), np.asarray(step), sensitivity=True)
+            parts = (exact.E, exact.W0, exact.W1, exact.E_theta, exact.V0, exact.V1, system.C, system.D)
+            kept[fourier] = [
+                _pointer(array) for array in held.setdefault(fourier, list(map(np.ascontiguousarray, parts)))
+            ]
+        return kept[fourier]
+
+    def run(fouriers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        for fourier in fouriers:
+            fixed = arguments(float(fourier))
+            function(ctypes.c_long(len(q)), _pointer(q), *fixed, _pointer(start), _pointer(u), _pointer(theta))
+        return u, theta
+
+    return run
+
+
+def _pointer(array: np.ndarray) -> ctypes.c_void_p:
+    return array.ctypes.data_as(ctypes.c_void_p)

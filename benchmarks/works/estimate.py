@@ -1,0 +1,79 @@
+"""The estimate of the validation case: Gauss-Newton from the prior to a relative change of 1e-8."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import least_squares
+
+import wallid
+from wallid.least_squares import fit_experiment
+
+from ..measure import Prepared
+from ..rivals.integrators import by_lsim
+from .direct import Direct
+from .ratio import Asked, Results, faster
+from .simulate import _direct
+
+TITLE = "estimate, validation case: from 2.1e-7 m2/s, 2881 rows of 5 sensors"
+START, ETA = 2.1e-7, 1e-8
+
+
+def _ours(direct: Direct, system: wallid.StateSpace) -> Prepared:
+    per_alpha = jnp.asarray(wallid.scales(direct.case).fourier(1.0))
+    start, eta = jnp.asarray(START), jnp.asarray(ETA)
+
+    def run() -> jax.Array:
+        fit = fit_experiment(system, direct.data, per_alpha, start, eta)
+        return jax.block_until_ready(start * jnp.exp(fit.parameters[0]))
+
+    return Prepared(run, _error)
+
+
+def _error(alpha: float) -> dict[str, float]:
+    """Against the minimum that SciPy finds with the exact solver, and against the truth."""
+    return {"alpha over SciPy's": abs(float(alpha) / _by_scipy(1e-12)() - 1), "truth": abs(float(alpha) / 5.21e-7 - 1)}
+
+
+def _by_scipy(tolerance: float):
+    direct = _direct()
+    simulate = by_lsim(direct.nodal, *direct.arrays)
+    scale, data = wallid.scales(direct.case), direct.data
+    observed, weight = np.asarray(data.observed), np.asarray(data.weight)
+
+    def residual(log_alpha: np.ndarray) -> np.ndarray:
+        u, _ = simulate(scale.fourier(float(np.exp(log_alpha[0]))))
+        return (weight * (scale.temperature_min + scale.temperature * u - observed)).ravel()
+
+    def jacobian(log_alpha: np.ndarray) -> np.ndarray:
+        fourier = scale.fourier(float(np.exp(log_alpha[0])))
+        return (weight * scale.temperature * fourier * simulate(fourier)[1]).reshape(-1, 1)
+
+    def run() -> float:
+        found = least_squares(residual, [np.log(START)], jacobian, xtol=tolerance, ftol=tolerance, gtol=None)
+        return float(np.exp(found.x[0]))
+
+    return run
+
+
+def _large() -> Prepared:
+    direct = _direct()
+    return _ours(direct, direct.nodal.modal())
+
+
+def _reduced() -> Prepared:
+    direct = _direct()
+    return _ours(direct, direct.reduced)
+
+
+CONTENDERS = {
+    "LOM": _large,
+    "MIM 5": _reduced,
+    "least_squares on lsim": lambda: Prepared(_by_scipy(ETA), _error),
+}
+
+
+def asked(results: Results) -> list[Asked]:
+    """What the issue asks."""
+    return [faster(results, "MIM 5", "LOM", 4), faster(results, "MIM 5", "least_squares on lsim", 200)]

@@ -1,0 +1,94 @@
+"""Learning a reduced model of order 5 and 10 from the validation case's four signals, and what others make of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import wallid
+
+from ..measure import Prepared
+from ..rivals.reduction import by_pymor, by_swarm
+from .ratio import Asked, Results, error_ratio, within
+
+TITLE = "learning, validation case: 4 signals of 2881 rows, 75 nodes, 5 sensors; errors over 50 diffusivities"
+DAY = 86400.0
+ORDERS = (5, 10)
+ERRORS = ("u", "theta", "u, never learned", "theta, never learned")
+
+
+@cache
+def _models() -> tuple[wallid.StateSpace, wallid.StateSpace, wallid.Signals]:
+    """The large model in nodes and in modes, and the learning signals."""
+    case = wallid.load("validation")
+    outputs = [wallid.Output(sensor.position) for sensor in case.sensors]
+    nodal = wallid.lom(case.wall, outputs, nodes=75, profile_degree=0)
+    return nodal, nodal.modal(), wallid.learning_signals(case, wallid.Window(0, case.record.rows))
+
+
+def _error(system: wallid.StateSpace) -> dict[str, float]:
+    """eps_inf of u and theta over 50 diffusivities, on the learned face signal and on one never learned."""
+    time = np.arange(2881) * 30 / DAY
+    courses = {"": 5 * np.sin(2 * np.pi * time) / 20, ", never learned": 3 * (1 - np.cos(4 * np.pi * time)) / 20}
+    fouriers = jnp.asarray(DAY * np.linspace(2.03e-7, 6.37e-7, 50) / 0.25)
+    found = {}
+    for name, course in courses.items():
+        inputs = jnp.asarray(np.stack([course, 0 * time], axis=1))
+
+        def run(model: wallid.StateSpace, inputs: jax.Array = inputs) -> tuple:
+            return jax.lax.map(
+                lambda fo: wallid.propagate(model, fo, 30 / DAY, inputs, jnp.zeros(model.P.shape[1]), sensitivity=True),
+                fouriers,
+            )
+
+        pairs = zip(("u", "theta"), run(_models()[1]), run(system), strict=True)
+        found |= {kind + name: float(jnp.max(jnp.abs(one - other))) for kind, one, other in pairs}
+    return found
+
+
+def _projection(order: int) -> Prepared:
+    _, modal, signals = _models()
+    return Prepared(lambda: jax.block_until_ready(wallid.learn_system(modal, order, signals).system), _error)
+
+
+def _swarm(order: int, *, eliminated: bool) -> Prepared:
+    _, modal, signals = _models()
+    return Prepared(partial(by_swarm, modal, order, signals, eliminated=eliminated), _error, once=True)
+
+
+def _pymor(order: int, way: str) -> Prepared:
+    return Prepared(partial(by_pymor, _models()[0], order, way), _error)
+
+
+def _contenders() -> dict[str, Callable[[], Any]]:
+    found: dict[str, Callable[[], Any]] = {}
+    for order in ORDERS:
+        found |= {
+            f"variable projection, order {order}": partial(_projection, order),
+            f"particle swarm, order {order}": partial(_swarm, order, eliminated=False),
+            f"particle swarm on the poles alone, order {order}": partial(_swarm, order, eliminated=True),
+            f"balanced truncation, order {order}": partial(_pymor, order, "balanced truncation"),
+            f"IRKA, order {order}": partial(_pymor, order, "IRKA"),
+        }
+    return found
+
+
+CONTENDERS = _contenders()
+
+
+def asked(results: Results) -> list[Asked]:
+    """What the issue asks, for both orders and both face signals."""
+    rows = []
+    for order in ORDERS:
+        ours, swarm = f"variable projection, order {order}", f"particle swarm, order {order}"
+        rows += [error_ratio(results, ours, swarm, ERRORS, 1 / 100), within(results, ours, swarm, 1 / 2)]
+        rows += [
+            error_ratio(results, ours, f"{way}, order {order}", ERRORS, 1 / 30)
+            for way in ("balanced truncation", "IRKA")
+        ]
+    return rows
