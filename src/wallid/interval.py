@@ -34,7 +34,7 @@ from .free import (
     with_flux,
 )
 from .likelihood import Minimum, Problem, face_response, minimise, profile
-from .noise import Bins, Noise, NoiseModel, estimate_noise
+from .noise import Bins, Noise, NoiseModel, estimate_noise, filled_gaps
 from .simulate import Integrator
 from .statespace import StateSpace
 from .structure import within
@@ -241,14 +241,14 @@ def settle(
     conductivity = first_conductivity(case, window) if names.fluxes else 0.0
     lowest, highest = told_range(case, window)
     value, found, settled = float(np.clip(first, lowest, highest)), np.zeros(names.count), None
-    chi_square = 1.0
+    chi_square, fill_std = 1.0, case.record.window(window.row, window.rows).fill_std
     loose, reached = names.of_structure, np.zeros(len(names.structure))
     for rounds in range(1, (_MOST_ROUNDS if not names.structure else _STRUCTURE_ROUNDS) + 1):
         if names.structure:
             system = large = whole_model(case, reached)
         free = free_at(case, window, data, names, float(start), value, found, large, conductivity)
         now = conductivity * math.exp(free.log_std * found[names.conductivity]) if names.fluxes else 0.0
-        shape = noise_model(case, data, system, scale.fourier(value), bins, thin, now / length)
+        shape = noise_model(case, data, system, scale.fourier(value), bins, thin, now / length, fill_std)
         noise = _noise_left(shape, settled) if settled is not None and estimated else shape.noise(1.0, 0.0, 0.8)
         problem = Problem(
             system=system,
@@ -315,19 +315,28 @@ def first_conductivity(case: Case, window: Window) -> float:
 
 
 def noise_model(
-    case: Case, data: Experiment, system: StateSpace, fourier: float, bins: Bins, apart: int, conductance: float = 0.0
+    case: Case,
+    data: Experiment,
+    system: StateSpace,
+    fourier: float,
+    bins: Bins,
+    apart: int,
+    conductance: float = 0.0,
+    fill_std: np.ndarray | None = None,
 ) -> NoiseModel:
     """The covariance's shape at a Fourier number, with the faces' noise through this model.
 
     Arguments:
         conductance: k/L, W/m2/K, by which a face's noise is in the fluxes.
+        fill_std: of the faces' interpolation in the window's rows, K; None where every row was read.
     """
     response = np.array(face_response(system, jnp.asarray(fourier), data.step, data.observed.shape[0]))
     plates = response.shape[2] - len(case.sensors)
     response[:, :, len(case.sensors) :] *= conductance
+    gaps = filled_gaps(fill_std, case.record.boundary_noise_std, response, bins)
     response, bins = thinned(response, bins, apart)
     sensor_std = np.array([sensor.noise_std for sensor in case.sensors] + [flux_noise_std(case)] * plates)
-    return NoiseModel(response, bins, sensor_std, case.record.boundary_noise_std)
+    return NoiseModel(response, bins, sensor_std, case.record.boundary_noise_std, gaps=gaps)
 
 
 def _interval_95(settled: Settled) -> Interval:

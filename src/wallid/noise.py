@@ -1,9 +1,10 @@
 """The covariance of what a good model leaves: the sensors' noise and the faces', which goes through the wall.
 
-    R = S C S' + sum_f s_f^2 G_f C G_f',      C = v_w I + v_a AR(rho)
+    R = S C S' + sum_f s_f^2 G_f C G_f' + sum_g E_g E_g',      C = v_w I + v_a AR(rho)
 
 `S` holds the stated standard deviations of the inner sensors, `s_f` that of a face, and `G_f` the readings'
-response to a face reading. White noise and noise that remembers (a first-order autoregression) have sizes that are
+response to a face reading. `E_g` is what the interpolation of a face over the gap g makes of them: one error, which
+goes along the whole gap. White noise and noise that remembers (a first-order autoregression) have sizes that are
 estimated, relative to what was stated, together with `rho`. Errors of position and offsets are no noise: they
 are parameters with priors.
 
@@ -130,12 +131,20 @@ class NoiseModel:
             its rows an error of a reading is a straight line.
         bins: the readings.
         sensor_std: of each sensor's readings, as stated, K. face_std: of the faces', K.
+        gaps: what one standard deviation of each gap's interpolation makes of the binned readings, K, `(gap, reading)`.
         edges: whether the likelihood of noise that remembers counts that a record has two ends, which take some
             of its slow power. The search for effects does not: its bars were set without.
     """
 
     def __init__(
-        self, response: np.ndarray, bins: Bins, sensor_std: np.ndarray, face_std: float, *, edges: bool = True
+        self,
+        response: np.ndarray,
+        bins: Bins,
+        sensor_std: np.ndarray,
+        face_std: float,
+        *,
+        gaps: np.ndarray | None = None,
+        edges: bool = True,
     ):
         rows, sensors = response.shape[1:]
         self.response, self.bins, self.sensors = response, bins, sensors
@@ -143,6 +152,7 @@ class NoiseModel:
         self.rows_per_bin = bins.rows
         self.count = -(-rows // bins.rows)
         self.sensor_std, self.face_std, self.edges = sensor_std, face_std, edges
+        self.gaps = np.zeros((0, sensors * self.count)) if gaps is None else gaps
         padded = np.pad(self.response, ((0, 0), (0, self.count * bins.rows - rows), (0, 0)))
         # of a bin's mean to a change of a face over a whole bin
         held = np.cumsum(padded, axis=1)
@@ -185,6 +195,7 @@ class NoiseModel:
             R[block, block] += std**2 * C
             fewer = white / np.maximum(present[:, s], 1.0) - white / self.rows_per_bin
             R[np.arange(s * n, (s + 1) * n), np.arange(s * n, (s + 1) * n)] += std**2 * fewer
+        R += self.gaps.T @ self.gaps
         missing = np.flatnonzero(present.T.reshape(-1) == 0)
         R[missing] = 0.0
         R[:, missing] = 0.0
@@ -203,7 +214,46 @@ class NoiseModel:
         correlation = np.fft.irfft(np.abs(spectrum) ** 2, axis=1)[:, :rows]  # (face, lag, sensor)
         through = correlation[:, 0] * (white + lasting) + 2 * np.einsum("flk,l->fk", correlation[:, 1:], memory[1:])
         variance = self.sensor_std**2 * (white + lasting) + self.face_std**2 * through.sum(axis=0)
-        return float(np.sqrt((self.present * variance).sum() / self.present.sum()))
+        filled = (np.sum(self.gaps**2, axis=0) * self.counts.T.reshape(-1)).sum()
+        return float(np.sqrt(((self.present * variance).sum() + filled) / self.present.sum()))
+
+    @property
+    def largest_gaps(self) -> np.ndarray:
+        """The gaps that matter most, no more of them than a tenth of the readings: they are no part of the noise."""
+        size = np.linalg.norm(self.gaps, axis=1)
+        most = max(1, int((self.counts > 0).sum()) // 10)
+        return self.gaps[np.argsort(-size)[:most]]
+
+
+def filled_gaps(
+    fill_std: np.ndarray | None, face_std: float, response: np.ndarray, bins: Bins
+) -> Float[np.ndarray, "gap reading"]:
+    """What each gap's interpolation makes of the binned readings, one standard deviation of it, K.
+
+    Arguments:
+        fill_std: of the interpolated faces in each row, K, 0 where a face was read; None for none.
+        face_std: of a face reading, K, which the covariance holds in every row already.
+        response: of the readings at the rows to 1 K more at one row of one face, `(face, row, sensor)`.
+    """
+    present = np.asarray(bins.present)
+    rows, sensors = present.shape
+    found = []
+    excess = np.zeros((rows, 2)) if fill_std is None else np.sqrt(np.maximum(fill_std**2 - face_std**2, 0.0))
+    excess[~np.isfinite(excess)] = 0.0
+    short = ((0, -rows % bins.rows), (0, 0))
+
+    def total(values: np.ndarray) -> np.ndarray:
+        return np.pad(values, short).reshape(-1, bins.rows, sensors).sum(axis=1)
+
+    count = np.maximum(total(present), 1.0)
+    for side, face in enumerate(response):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], (excess[:, side] > 0).astype(int), [0]])))
+        for first, end in zip(edges[::2], edges[1::2], strict=True):
+            answer = np.zeros((rows, sensors))
+            for row in range(first, end):
+                answer[row:] += excess[row, side] * face[: rows - row]
+            found.append((total(answer * present) / count).T.reshape(-1))
+    return np.stack(found) if found else np.zeros((0, count.size))
 
 
 def dct_spectrum(cov: np.ndarray, omega: np.ndarray) -> np.ndarray:
@@ -241,6 +291,8 @@ def estimate_noise(
         along: a parameter's direction with the others taken out, `(reading,)`, for the ratios of its standard
             error; None for none.
     """
+    if len(model.gaps):
+        directions = np.concatenate([directions, model.largest_gaps])
     likelihood = _Whittle(model, residual, directions)
     grid = [(lasting, rho) for lasting in _SHARES for rho in _CORRELATIONS]
     lasting, rho, sizes, costs, totals = 0.0, 0.8, (1.0, 0.0, 0.8), np.zeros(len(grid)), np.zeros(len(grid))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .. import noise
-from ..noise import Noise, estimate_noise
+from ..noise import Noise, estimate_noise, filled_gaps
 from .model import impulses
 from .study import Study
 
@@ -18,4 +18,6 @@ class NoiseModel(noise.NoiseModel):
     def __init__(self, study: Study, theta: np.ndarray):
         sensor_std = np.array([sensor.noise_std for sensor in study.case.sensors])
         face_std = study.record.boundary_noise_std
-        super().__init__(impulses(study.model, theta), study.bins, sensor_std, face_std, edges=False)
+        response = impulses(study.model, theta)
+        gaps = filled_gaps(study.record.fill_std, face_std, response, study.bins)
+        super().__init__(response, study.bins, sensor_std, face_std, gaps=gaps, edges=False)
