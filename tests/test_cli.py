@@ -322,6 +322,19 @@ def test_an_unknown_case_lists_the_packaged_ones(command):
         assert name in ended.stderr
 
 
+def test_figures_as_drawings_on_request(command, tmp_path):
+    ended = command("check", "validation", "--format", "svg")
+    assert ended.exit_code == 0 and "record.svg" in ended.stdout
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "record.svg",
+        "wall.svg",
+        "report.html",
+        "result.json",
+    }
+    wrong = command("check", "validation", "--format", "jpg")
+    assert wrong.exit_code == 2 and "--format 'jpg'" in wrong.stderr
+
+
 def test_an_output_folder_that_is_a_file(tmp_path):
     (tmp_path / "out").write_text("here already")
     ended = CliRunner().invoke(app, ["design", "validation", "--out", str(tmp_path / "out"), "--quiet"])
@@ -335,6 +348,7 @@ def test_an_output_folder_that_is_a_file(tmp_path):
         ([], "Commands"),
         (["demo"], "saint_julien"),
         (["run"], "--orders"),
+        (["design"], "--format"),
         (["design"], "CASE"),
         (["estimate"], "--model"),
         (["run"], "wallid diagnose"),

@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import matplotlib as mpl
 import numpy as np
@@ -96,3 +97,31 @@ def test_a_browser_opens_it_without_an_error(written):
     done = subprocess.run([*command, written.as_uri()], capture_output=True, text=True, timeout=300, check=True)
     assert "CONSOLE" not in done.stderr
     assert done.stdout.count("<figure") == 2
+
+
+def test_figures_come_in_the_formats_asked_for(run, tmp_path):
+    """Beside the page, the same bytes each time; another format's files of an earlier run go."""
+    report.write(run, tmp_path, formats=report.parse_formats("png"))
+    written = [path.name for path in report.write(run, tmp_path, formats=report.parse_formats("SVG, pdf,svg"))]
+    assert (
+        {path.name for path in tmp_path.iterdir()}
+        == set(written)
+        == {
+            *(f"{stem}.{kind}" for stem in ("wall", "record") for kind in ("svg", "pdf")),
+            "report.html",
+            "result.json",
+        }
+    )
+    assert (tmp_path / "record.pdf").read_bytes().startswith(b"%PDF")
+    first = (tmp_path / "record.svg").read_text("utf-8")
+    root = ElementTree.fromstring(first)
+    assert root.tag.endswith("svg") and "temperature" in first
+    report.write(run, tmp_path, formats=("svg",))
+    assert (tmp_path / "record.svg").read_text("utf-8") == first
+    assert not (tmp_path / "record.pdf").exists()
+
+
+@pytest.mark.parametrize("wrong", ["", "jpg", "png,gif"])
+def test_an_unknown_format_is_refused(wrong):
+    with pytest.raises(wallid.InputError, match="--format .*png, svg or pdf"):
+        report.parse_formats(wrong)

@@ -16,22 +16,19 @@ from functools import cache
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
-import numpy as np
-from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from ._style import GREY, style
+from ._style import GREY
 from .captions import CAPTIONS
 from .effects import untestable
+from .figures import save
 
 if TYPE_CHECKING:
     from .workflow import Run
 
 _PACKAGES = ("wallid", "jax", "equinox", "diffrax", "optimistix", "numpy", "scipy", "matplotlib", "pandas")
 _INK = "#010203"  # stands for the text's colour until the page says which that is
-_MOST_POINTS = 20_000  # of a line: past it a figure is held as pixels
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -207,15 +204,9 @@ def _picture(run: Run, stem: str, made: Figure) -> Picture:
 
 def _svg(made: Figure, stem: str) -> str:
     """A figure as the data URI of an SVG without a background, in the colour of the reader's text."""
-    for ax in made.axes:
-        for mesh in ax.collections:
-            mesh.set_rasterized(isinstance(mesh, QuadMesh))
-        for line in ax.lines:
-            line.set_rasterized(np.size(line.get_xdata()) > _MOST_POINTS)
     stream = io.StringIO()
-    with style(), mpl.rc_context({"svg.hashsalt": stem, "svg.fonttype": "path"}):
-        _in_ink(made)
-        made.savefig(stream, format="svg", transparent=True, metadata={"Date": None})
+    _in_ink(made)
+    save(made, stream, "svg", salt=stem, transparent=True)
     text = stream.getvalue()
     text = text[text.index("<svg") :].replace(_INK, "var(--ink)").replace(GREY.lower(), "var(--grey)")
     dark = "@media(prefers-color-scheme:dark){:root{--ink:#e3e6e8;--grey:#a9b0b6}}"
