@@ -123,5 +123,5 @@ def test_figures_come_in_the_formats_asked_for(run, tmp_path):
 
 @pytest.mark.parametrize("wrong", ["", "jpg", "png,gif"])
 def test_an_unknown_format_is_refused(wrong):
-    with pytest.raises(wallid.InputError, match="--format .*png, svg or pdf"):
+    with pytest.raises(wallid.InputError, match=r"--format .*png, svg or pdf"):
         report.parse_formats(wrong)
