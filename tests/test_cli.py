@@ -181,6 +181,7 @@ def test_the_summary_is_for_people(command):
     ended = command("estimate", "validation")
     assert ended.exit_code == 0
     assert "diffusivity" in ended.stdout and "m2/s" in ended.stdout and "T3" in ended.stdout
+    assert "next         wallid diagnose validation" in ended.stdout
     assert command("estimate", "validation", "--quiet").stdout == ""
 
 

@@ -350,6 +350,8 @@ def _go(
     elif not quiet:
         print(done)
         print(f"\nwrote        {', '.join(path.name for path in written)} to {out}")
+        if done.fit is not None and done.explanation is None and case.sensors and not done.unreliable:
+            print(f"next         wallid diagnose {shlex.quote(name)}: does the model miss something?")
     if done.unreliable:
         raise typer.Exit(1)
 

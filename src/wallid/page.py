@@ -38,7 +38,7 @@ _BADGES = {
     "confusable": "a missing effect, and rivals",
     "unnamed": "something unknown is missing",
     "uninformative": "not to be relied on",
-    None: "estimated",
+    None: "estimate",
 }
 
 
@@ -87,8 +87,11 @@ def page(run: Run, result: dict[str, Any], figures: Iterable[tuple[str, Figure]]
 
 def _badge(run: Run, result: dict[str, Any]) -> str:
     if run.check is not None:
-        return "a run would stop" if run.check.stops else "a run can go ahead"
-    return _BADGES[result["verdict"]]
+        return "check: a run would stop" if run.check.stops else "check: a run can go ahead"
+    if run.fit is None and run.explanation is None and not run.unreliable:
+        return "design"
+    verdict = result["verdict"]
+    return _BADGES[None] if verdict is None else f"{verdict}: {_BADGES[verdict]}"
 
 
 def answer(run: Run, result: dict[str, Any]) -> str:
@@ -223,8 +226,8 @@ def _in_ink(made: Figure) -> None:
             if get is None or put is None:
                 continue
             try:
-                black = to_hex(get()) == "#000000"
-            except (TypeError, ValueError):  # several colours, or none
+                black = to_hex(get(), keep_alpha=True) == "#000000ff"
+            except (TypeError, ValueError):  # several colours
                 continue
             if black:
                 put(_INK)

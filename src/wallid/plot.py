@@ -50,7 +50,7 @@ def theta(ax: Axes, case: Case, days: np.ndarray, sensitivity: np.ndarray) -> No
         ylabel=r"$\partial T / \partial \ln \alpha$ (K)",
         title="Sensitivity to the diffusivity",
     )
-    ax.legend(ncols=3, loc="upper left")
+    legend_above(ax, ncols=6)
 
 
 def criterion(ax: Axes, design: Design) -> None:
@@ -107,8 +107,8 @@ def convergence(value_ax: Axes, gamma_ax: Axes, fit: Estimate) -> None:
             gamma_ax.semilogy(steps[seen], fit.history[name][1:][seen], "o-", color=tint, label=symbol)
     gamma_ax.set(xlabel="Gauss-Newton step", ylabel="relative change", title="Stopping criteria")
     if fit.rounds and fit.iterations:
-        for ax in (value_ax, gamma_ax):
-            ax.axvline(fit.iterations + 0.5, color=GREY, ls=":", lw=1.0, label="then the full covariance")
+        value_ax.axvline(fit.iterations + 0.5, color=GREY, ls=":", lw=1.0, label="then the full covariance")
+        gamma_ax.axvline(fit.iterations + 0.5, color=GREY, ls=":", lw=1.0)
         value_ax.legend(loc="lower right")
     gamma_ax.legend()
     for ax in (value_ax, gamma_ax):
