@@ -13,7 +13,7 @@ from pages import check
 import wallid
 from wallid import plot, report
 from wallid.captions import CAPTIONS
-from wallid.figures import STEMS
+from wallid.figures import STEMS, save
 from wallid.page import number, page, tables
 from wallid.workflow import Run
 
@@ -125,3 +125,14 @@ def test_figures_come_in_the_formats_asked_for(run, tmp_path):
 def test_an_unknown_format_is_refused(wrong):
     with pytest.raises(wallid.InputError, match=r"--format .*png, svg or pdf"):
         report.parse_formats(wrong)
+
+
+def test_many_readings_do_not_swell_a_drawing(tmp_path):
+    """A week of a row a minute: thousands of marks are held as pixels, a line of as many stays a line."""
+    made, ax = plot.figure()
+    x = np.linspace(0.0, 7.0, 10_080)
+    ax.plot(x, np.sin(x), ".", label="measured")
+    ax.plot(x[:200], np.cos(x[:200]), "o")
+    save(made, tmp_path / "week.svg")
+    text = (tmp_path / "week.svg").read_text("utf-8")
+    assert len(text) < 200_000 and text.count("<image") == 1 and text.count("<use") > 200

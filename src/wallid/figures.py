@@ -44,6 +44,7 @@ STEMS = (
 )
 """The stems of all of them."""
 _MOST_POINTS = 20_000  # of a line: past it a drawing holds it as pixels
+_MOST_MARKERS = 400  # of a line: each is a stroke of its own
 _MOST_SENSORS = 6  # of the worst week's figure
 
 
@@ -57,7 +58,8 @@ def save(made: Figure, to: Path | StringIO, kind: str = "", *, salt: str = "", t
         for mesh in ax.collections:
             mesh.set_rasterized(isinstance(mesh, QuadMesh))
         for line in ax.lines:
-            line.set_rasterized(np.size(line.get_xdata()) > _MOST_POINTS)
+            marked = line.get_marker() not in ("None", "none", "", " ", None)
+            line.set_rasterized(np.size(line.get_xdata()) > (_MOST_MARKERS if marked else _MOST_POINTS))
     if isinstance(to, Path):
         kind, salt = kind or to.suffix[1:], salt or to.stem
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
