@@ -100,7 +100,7 @@ def answer(run: Run, result: dict[str, Any]) -> str:
         told = [*(f"A run would stop: {stop}" for stop in run.check.stops), *run.check.notes]
         return ". ".join(told or ["Nothing would stop a run"]) + "."
     if run.explanation is not None:
-        return run.explanation.sentence
+        return unit(run.explanation.sentence.replace("+-", "±"))
     if run.unreliable:
         return f"This record gives no number to rely on: {run.unreliable}."
     if run.campaign is not None:
