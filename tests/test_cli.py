@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 import wallid
 from wallid import workflow
 from wallid.cli import app
+from wallid.page import unit
 from wallid.workflow import Run
 
 DIAGNOSIS = {"missing.png", "residuals.png", "fit.png", "confusable.png", "windows.png", "periodogram.png"}
@@ -79,6 +80,7 @@ from dataclasses import replace
 opened = []
 sys.addaudithook(lambda event, args: opened.append(str(args[0])) if event == "open" else None)
 from wallid.cli import app
+from wallid.page import unit
 from wallid.workflow import Run
 try:
     sys.argv = ["wallid", "demo", "--json", "--out", sys.argv[1]]
@@ -404,7 +406,7 @@ def test_diagnose_names_what_is_hidden(hidden, tmp_path):
     assert {file.name for file in out.iterdir()} == DIAGNOSIS | {"wall.png", "record.png", "report.html", "result.json"}
     assert json.loads((out / "result.json").read_text()) == result
     page = check((out / "report.html").read_text("utf-8"))
-    assert found.sentence in unescape(page.text)
+    assert unit(found.sentence.replace("+-", "±")) in unescape(page.text)
     assert page.text.count('<th scope="row">') > len(ranked) and 'class="in"' in page.text
 
 

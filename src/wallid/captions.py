@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from .campaign import Campaign
+    from .campaign import Pooled
     from .design import Design
     from .discrepancy import Explanation
     from .estimated import Estimate
@@ -51,7 +51,7 @@ def _places(run: Run, found: Places) -> str:
     )
 
 
-def _campaign(run: Run, found: Campaign) -> str:
+def _campaign(run: Run, found: Pooled) -> str:
     return (
         f"Intervals of {len(found.windows)} windows, {len(found.used)} of them informative; all together "
         f"{found.value:.4g} m2/s."

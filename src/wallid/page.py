@@ -88,7 +88,7 @@ def page(run: Run, result: dict[str, Any], figures: Iterable[tuple[str, Figure]]
 def _badge(run: Run, result: dict[str, Any]) -> str:
     if run.check is not None:
         return "check: a run would stop" if run.check.stops else "check: a run can go ahead"
-    if run.fit is None and run.explanation is None and not run.unreliable:
+    if run.fit is None and run.campaign is None and run.explanation is None and not run.unreliable:
         return "design"
     verdict = result["verdict"]
     return _BADGES[None] if verdict is None else f"{verdict}: {_BADGES[verdict]}"
