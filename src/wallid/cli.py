@@ -109,8 +109,8 @@ def demo(
     diffusivity with it in.
     """
     stages = (*workflow.STAGES, "diagnose")
-    options = {"orders": orders, "weights": weights, "integrator": integrator}
-    _go("saint_julien", model, stages, out, json, quiet, formats, **options)
+    options = {"weights": weights, "integrator": integrator}
+    _go("saint_julien", model, stages, out, json, quiet, formats, orders=orders, **options)
 
 
 @app.command()
