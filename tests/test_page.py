@@ -50,12 +50,14 @@ def test_every_number_is_in_a_table():
         "diffusivity": {"value": 1.06e-6, "std": 1.2e-8, "interval_95": [1.04e-6, 1.08e-6], "unit": "m2/s"},
         "effects": [{"name": "solar_gain", "target": "right", "parameters": {}, "gain": 790.0, "alternatives": []}],
         "gap": {"before_K": 0.3125, "held_out_after_K": None},
+        "record": {"step_s": 600.0, "missing": {"T_s": 3}},
     }
     found = dict(tables(result))
     assert found["overview"] == [("case", "wall")]
     assert found["diffusivity"] == [("", "1.06 × 10⁻⁶ ± 1.2 × 10⁻⁸ (95 %: 1.04 × 10⁻⁶ to 1.08 × 10⁻⁶) m²/s")]
     assert ("solar_gain gain", "790") in found["effects"]
     assert found["gap"] == [("before (K)", "0.3125"), ("held out after (K)", "–")]
+    assert found["record"] == [("step (s)", "600"), ("missing T s", "3")], "a column's name is no unit"
 
 
 @pytest.mark.parametrize(

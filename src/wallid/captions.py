@@ -32,7 +32,8 @@ def _record(run: Run) -> str:
     low, high = faces.min(axis=0), faces.max(axis=0)
     return (
         f"Temperatures over {record.duration / 86400:.3g} days: left face {low[0]:.1f} to {high[0]:.1f} degC, right "
-        f"face {low[1]:.1f} to {high[1]:.1f} degC, {len(record.names)} inner sensors; the window used is shaded."
+        f"face {low[1]:.1f} to {high[1]:.1f} degC, {len(record.names)} inner sensors"
+        + ("; below, when each has readings." if run.check is not None else "; the window used is shaded.")
     )
 
 
@@ -115,7 +116,10 @@ def _said(text: str) -> Alternative:
 
 CAPTIONS: dict[str, tuple[str, Alternative]] = {
     "wall": ("The wall in section, to scale across, with the places of its sensors.", _wall),
-    "record": ("What was logged. Yellow: the window that an estimate uses; grey: where the record is broken.", _record),
+    "record": (
+        "What was logged. A yellow band is the window that an estimate uses, a grey one a break of the record.",
+        _record,
+    ),
     "design": (
         "Which days tell most: how far each reading would move with the diffusivity, and what a window from each "
         "start day would tell, over the best.",

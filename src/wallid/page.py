@@ -186,9 +186,9 @@ def unit(text: str) -> str:
 
 def _words(key: str) -> str:
     """A key of result.json in words, its unit at the end in parentheses."""
-    match = re.fullmatch(r"(.*)_(K|J_per_m2|degC)", key)
-    stem, unit = match.groups() if match else (key, "")
-    shown = {"J_per_m2": "J/m²", "degC": "°C"}.get(unit, unit)
+    match = re.fullmatch(r"(.*)_(K|J_per_m2|W_per_m2|degC)", key)
+    stem, unit = ("step", "s") if key == "step_s" else match.groups() if match else (key, "")
+    shown = {"J_per_m2": "J/m²", "W_per_m2": "W/m²", "degC": "°C"}.get(unit, unit)
     return stem.replace("_", " ") + (f" ({shown})" if shown else "")
 
 
