@@ -294,7 +294,9 @@ def estimate(
             _refuse(InputError(f"--all-windows goes through every window by the large model; leave {wrong[0]} out"))
         _go(case, None, ("campaign",), out, json, quiet, formats)
         return
-    _go(case, model, ("design", "learn", "estimate"), out, json, quiet, formats, from_row=from_row, free=free, **options)
+    _go(
+        case, model, ("design", "learn", "estimate"), out, json, quiet, formats, from_row=from_row, free=free, **options
+    )
 
 
 @app.command()
