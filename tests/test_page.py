@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 from dataclasses import replace
+from importlib import resources
 from xml.etree import ElementTree
 
 import matplotlib as mpl
@@ -76,8 +77,10 @@ def test_a_number_as_a_person_reads_it(value, said):
     assert number(value) == said
 
 
-def test_every_figure_has_its_caption():
+def test_every_figure_has_its_caption_and_its_place_on_the_page():
     assert set(CAPTIONS) == set(STEMS)
+    template = resources.files("wallid").joinpath("templates/report.html").read_text("utf-8")
+    assert {stem for stem in STEMS if f'picture("{stem}")' in template} == set(STEMS)
 
 
 def test_the_wall_is_drawn_to_scale(run):

@@ -111,9 +111,12 @@ def answer(run: Run, result: dict[str, Any]) -> str:
         )
     if run.fit is not None and run.fit.thermal is not None:
         told = run.fit.thermal
+        resistance, transmittance = (
+            unit(str(quantity)).replace("+-", "±") for quantity in (told.resistance, told.transmittance)
+        )
         return (
-            f"From face to face the wall has a resistance of {unit(str(told.resistance))}, and with the standard "
-            f"surface resistances a U-value of {unit(str(told.transmittance))}."
+            f"From face to face the wall has a resistance of {resistance}, and with the standard surface resistances a "
+            f"U-value of {transmittance}."
         )
     if run.fit is not None:
         gap = result["gap"]
