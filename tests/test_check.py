@@ -174,6 +174,18 @@ def test_a_new_case_runs(command, tmp_path):
     assert command("run", tmp_path, "--model", "lom", "--quiet").exit_code == 0
 
 
+def test_lines_above_a_header_that_are_filled_up_with_separators(command, tmp_path):
+    """As spreadsheets write them; the header is the line with the most names."""
+    text = plain_record().replace(",", ";")
+    above = "Logger XT;No. 817;;;\nPlace;East wall;;;\n"
+    header, rows = text.split("\n", 1)
+    units = ";".join(["", *["°C"] * (header.count(";"))])
+    (tmp_path / "record.csv").write_text(f"{above}{header}\n{units}\n{rows}")
+    ended = command("new", tmp_path / "record.csv", *OPTIONS, out=False)
+    assert ended.exit_code == 0, ended.stderr
+    assert wallid.load(tmp_path).record.names == ("T1", "T2")
+
+
 def test_without_a_terminal_nothing_is_asked(command, tmp_path):
     (tmp_path / "record.csv").write_text(plain_record())
     ended = command("new", tmp_path / "record.csv", "--length", "0.3", out=False)
@@ -220,6 +232,8 @@ def test_units_that_show(tmp_path):
     (tmp_path / "record.csv").write_text(f"{header}\n,°C,°C,K,°C\n{rest}".replace("T1,", "T1,"))
     answers = Answers(length=0.3, left="T_left", right="T_right", sensors={"T2": 0.2})
     assert new_case(tmp_path / "record.csv", answers).sensors[0].unit is None
+    refuses(lambda: metres("--length", "430"), "--length = '430': in m?", '"430 mm"')
+    assert metres("--length", "12 m") == 12.0
     refuses(lambda: metres("length", "wide"), "length = 'wide'; it must be a length, such as 0.43, \"43 cm\"")
     refuses(lambda: place("T1"), "it must be NAME=POSITION")
     assert (metres("x", "430 mm"), metres("x", "0,43"), place("a=b=2 cm")) == (0.43, 0.43, ("a=b", 0.02))

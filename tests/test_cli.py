@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 import wallid
 from wallid import workflow
 from wallid.cli import app
+from wallid.page import unit
 from wallid.workflow import Run
 
 DIAGNOSIS = {"missing.png", "residuals.png", "fit.png", "confusable.png", "windows.png", "periodogram.png"}
@@ -79,6 +80,7 @@ from dataclasses import replace
 opened = []
 sys.addaudithook(lambda event, args: opened.append(str(args[0])) if event == "open" else None)
 from wallid.cli import app
+from wallid.page import unit
 from wallid.workflow import Run
 try:
     sys.argv = ["wallid", "demo", "--json", "--out", sys.argv[1]]
@@ -181,6 +183,7 @@ def test_the_summary_is_for_people(command):
     ended = command("estimate", "validation")
     assert ended.exit_code == 0
     assert "diffusivity" in ended.stdout and "m2/s" in ended.stdout and "T3" in ended.stdout
+    assert "next         wallid diagnose validation" in ended.stdout
     assert command("estimate", "validation", "--quiet").stdout == ""
 
 
@@ -322,6 +325,19 @@ def test_an_unknown_case_lists_the_packaged_ones(command):
         assert name in ended.stderr
 
 
+def test_figures_as_drawings_on_request(command, tmp_path):
+    ended = command("check", "validation", "--format", "svg")
+    assert ended.exit_code == 0 and "record.svg" in ended.stdout
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "record.svg",
+        "wall.svg",
+        "report.html",
+        "result.json",
+    }
+    wrong = command("check", "validation", "--format", "jpg")
+    assert wrong.exit_code == 2 and "--format 'jpg'" in wrong.stderr
+
+
 def test_an_output_folder_that_is_a_file(tmp_path):
     (tmp_path / "out").write_text("here already")
     ended = CliRunner().invoke(app, ["design", "validation", "--out", str(tmp_path / "out"), "--quiet"])
@@ -335,6 +351,7 @@ def test_an_output_folder_that_is_a_file(tmp_path):
         ([], "Commands"),
         (["demo"], "saint_julien"),
         (["run"], "--orders"),
+        (["design"], "--format"),
         (["design"], "CASE"),
         (["estimate"], "--model"),
         (["run"], "wallid diagnose"),
@@ -389,7 +406,7 @@ def test_diagnose_names_what_is_hidden(hidden, tmp_path):
     assert {file.name for file in out.iterdir()} == DIAGNOSIS | {"wall.png", "record.png", "report.html", "result.json"}
     assert json.loads((out / "result.json").read_text()) == result
     page = check((out / "report.html").read_text("utf-8"))
-    assert found.sentence in unescape(page.text)
+    assert unit(found.sentence.replace("+-", "±")) in unescape(page.text)
     assert page.text.count('<th scope="row">') > len(ranked) and 'class="in"' in page.text
 
 

@@ -3,6 +3,8 @@
 import shutil
 import subprocess
 from dataclasses import replace
+from importlib import resources
+from xml.etree import ElementTree
 
 import matplotlib as mpl
 import numpy as np
@@ -12,7 +14,7 @@ from pages import check
 import wallid
 from wallid import plot, report
 from wallid.captions import CAPTIONS
-from wallid.figures import STEMS
+from wallid.figures import STEMS, save
 from wallid.page import number, page, tables
 from wallid.workflow import Run
 
@@ -49,12 +51,14 @@ def test_every_number_is_in_a_table():
         "diffusivity": {"value": 1.06e-6, "std": 1.2e-8, "interval_95": [1.04e-6, 1.08e-6], "unit": "m2/s"},
         "effects": [{"name": "solar_gain", "target": "right", "parameters": {}, "gain": 790.0, "alternatives": []}],
         "gap": {"before_K": 0.3125, "held_out_after_K": None},
+        "record": {"step_s": 600.0, "missing": {"T_s": 3}},
     }
     found = dict(tables(result))
     assert found["overview"] == [("case", "wall")]
     assert found["diffusivity"] == [("", "1.06 × 10⁻⁶ ± 1.2 × 10⁻⁸ (95 %: 1.04 × 10⁻⁶ to 1.08 × 10⁻⁶) m²/s")]
     assert ("solar_gain gain", "790") in found["effects"]
     assert found["gap"] == [("before (K)", "0.3125"), ("held out after (K)", "–")]
+    assert found["record"] == [("step (s)", "600"), ("missing T s", "3")], "a column's name is no unit"
 
 
 @pytest.mark.parametrize(
@@ -73,8 +77,10 @@ def test_a_number_as_a_person_reads_it(value, said):
     assert number(value) == said
 
 
-def test_every_figure_has_its_caption():
+def test_every_figure_has_its_caption_and_its_place_on_the_page():
     assert set(CAPTIONS) == set(STEMS)
+    template = resources.files("wallid").joinpath("templates/report.html").read_text("utf-8")
+    assert {stem for stem in STEMS if f'picture("{stem}")' in template} == set(STEMS)
 
 
 def test_the_wall_is_drawn_to_scale(run):
@@ -96,3 +102,42 @@ def test_a_browser_opens_it_without_an_error(written):
     done = subprocess.run([*command, written.as_uri()], capture_output=True, text=True, timeout=300, check=True)
     assert "CONSOLE" not in done.stderr
     assert done.stdout.count("<figure") == 2
+
+
+def test_figures_come_in_the_formats_asked_for(run, tmp_path):
+    """Beside the page, the same bytes each time; another format's files of an earlier run go."""
+    report.write(run, tmp_path, formats=report.parse_formats("png"))
+    written = [path.name for path in report.write(run, tmp_path, formats=report.parse_formats("SVG, pdf,svg"))]
+    assert (
+        {path.name for path in tmp_path.iterdir()}
+        == set(written)
+        == {
+            *(f"{stem}.{kind}" for stem in ("wall", "record") for kind in ("svg", "pdf")),
+            "report.html",
+            "result.json",
+        }
+    )
+    assert (tmp_path / "record.pdf").read_bytes().startswith(b"%PDF")
+    first = (tmp_path / "record.svg").read_text("utf-8")
+    root = ElementTree.fromstring(first)
+    assert root.tag.endswith("svg") and "temperature" in first
+    report.write(run, tmp_path, formats=("svg",))
+    assert (tmp_path / "record.svg").read_text("utf-8") == first
+    assert not (tmp_path / "record.pdf").exists()
+
+
+@pytest.mark.parametrize("wrong", ["", "jpg", "png,gif"])
+def test_an_unknown_format_is_refused(wrong):
+    with pytest.raises(wallid.InputError, match=r"--format .*png, svg or pdf"):
+        report.parse_formats(wrong)
+
+
+def test_many_readings_do_not_swell_a_drawing(tmp_path):
+    """A week of a row a minute: thousands of marks are held as pixels, a line of as many stays a line."""
+    made, ax = plot.figure()
+    x = np.linspace(0.0, 7.0, 10_080)
+    ax.plot(x, np.sin(x), ".", label="measured")
+    ax.plot(x[:200], np.cos(x[:200]), "o")
+    save(made, tmp_path / "week.svg")
+    text = (tmp_path / "week.svg").read_text("utf-8")
+    assert len(text) < 200_000 and text.count("<image") == 1 and text.count("<use") > 200

@@ -103,7 +103,10 @@ def look(path: str | os.PathLike[str], form: Format, time: str | None = None) ->
 
 
 def _header(file: str, form: Format) -> tuple[str, list[str]]:
-    """The separator that makes most columns, and the first line that is as wide and holds no number."""
+    """The separator that makes most columns, and of the lines as wide without a number the first with most names.
+
+    Not simply the first: spreadsheets fill up the lines above a header with separators.
+    """
     content, _ = read_text(file, form)
     head = head_of(content)
     best: tuple[int, str, list[str]] = (0, ",", [])
@@ -114,7 +117,7 @@ def _header(file: str, form: Format) -> tuple[str, list[str]]:
         width = Counter(len(row) for row in rows[1:] or rows).most_common(1)[0][0]
         wide = [row for row in rows if len(row) >= width - 1 and not any(map(NUMBER.match, row)) and any(row)]
         if wide and width > best[0]:
-            best = (width, separator, wide[0])
+            best = (width, separator, max(wide, key=lambda row: sum(map(bool, row))))
     if best[0] < 2:
         raise InputError(f"{file}: line 1: found no header of two or more columns; a record must be CSV with a header")
     return best[1], best[2]

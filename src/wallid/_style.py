@@ -22,7 +22,7 @@ SENSORS = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED)
 
 DAYS = "days since the record's start"
 
-_STYLE = {
+STYLE = {
     "font.size": 9,
     "axes.titlesize": 10,
     "axes.titlelocation": "left",
@@ -36,11 +36,12 @@ _STYLE = {
     "figure.constrained_layout.use": True,
     "savefig.dpi": 150,
 }
+"""As matplotlib takes it: `plt.style.use(wallid.plot.STYLE)` for a whole notebook."""
 
 
 def style() -> AbstractContextManager[Any]:
-    """The house style: `with wallid.plot.style(): ...`."""
-    return mpl.rc_context(_STYLE)  # pyright: ignore[reportArgumentType]
+    """The house style for a while: `with wallid.plot.style(): ...`."""
+    return mpl.rc_context(STYLE)  # pyright: ignore[reportArgumentType]
 
 
 def figure(rows: int = 1, columns: int = 1, *, width: float = 7.2, height: float = 2.6) -> tuple[Figure, Any]:

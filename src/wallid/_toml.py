@@ -64,6 +64,8 @@ def write_toml(where: str, answers: Answers, units: Mapping[str, str], days: flo
         _line("left", answers.left, "column of the face at x = 0"),
         _line("right", answers.right, "column of the face at x = length"),
         *(_line(key, name, "W/m2, positive along +x") for key, name in answers.fluxes.items()),
+        _line("# irradiance", "...", "column, W/m2 on the outer face; for diagnose, as are"),
+        f"{'#':<{_WIDTH}} # air_outdoor, air_indoor (degC), wind (m/s), rain (mm/h), heating",
         *_format_lines(answers.form),
         _line("# boundary_noise_std", 0.1, "K, of the faces' readings; default: the sensors' smallest"),
         _line("# longest_gap", 3.0, "hours; a face is interpolated across less, the record split at more"),

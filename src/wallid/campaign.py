@@ -21,9 +21,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import chi2
-from scipy.stats import t as student
+from scipy.special import chdtrc, stdtrit
 
 from .case import Case
 from .conclude import conclude, settled_minima
@@ -75,9 +73,11 @@ def mean_of(values: np.ndarray, covariance: np.ndarray, quantile: float = NORMAL
         return m, float(1.0 / solved.sum()), float((values - m) @ np.linalg.solve(V, values - m)), weights
 
     m, variance, chi_square, weights = mean(0.0)
-    p_value = float(chi2.sf(chi_square, freedom)) if freedom else math.nan
+    p_value = float(chdtrc(freedom, chi_square)) if freedom else math.nan
     if not p_value < DISAGREE:
         return Mean(m, math.sqrt(variance), quantile, chi_square, freedom, p_value, 0.0, weights)
+    from scipy.optimize import brentq  # a quarter of a second, and only windows that disagree need it
+
     top = 2.0 * float(np.ptp(values)) + 1e-12
     while mean(top)[2] > freedom:
         top *= 2.0
@@ -85,7 +85,7 @@ def mean_of(values: np.ndarray, covariance: np.ndarray, quantile: float = NORMAL
         brentq(lambda tau: mean(float(tau))[2] - freedom, 0.0, top, xtol=1e-9 * top, full_output=True)[1].root
     )
     m, variance, _, weights = mean(between)
-    wide = max(quantile, float(student.ppf(0.975, freedom)))
+    wide = max(quantile, float(stdtrit(freedom, 0.975)))
     return Mean(m, math.sqrt(variance), wide, chi_square, freedom, p_value, between, weights)
 
 

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from .campaign import Pooled
+    from .design import Design
+    from .discrepancy import Explanation
+    from .estimated import Estimate
+    from .places import Places
+    from .reliability import Reliability
     from .workflow import Run
 
 Alternative = Callable[["Run"], str]
@@ -26,75 +32,61 @@ def _record(run: Run) -> str:
     low, high = faces.min(axis=0), faces.max(axis=0)
     return (
         f"Temperatures over {record.duration / 86400:.3g} days: left face {low[0]:.1f} to {high[0]:.1f} degC, right "
-        f"face {low[1]:.1f} to {high[1]:.1f} degC, {len(record.names)} inner sensors; the window used is shaded."
+        f"face {low[1]:.1f} to {high[1]:.1f} degC, {len(record.names)} inner sensors"
+        + ("; below, when each has readings." if run.check is not None else "; the window used is shaded.")
     )
 
 
-def _design(run: Run) -> str:
-    if run.design is None:
-        return ""
-    best = run.design.best
+def _design(run: Run, found: Design) -> str:
+    best = found.best
     return (
         f"Sensitivity of each sensor to the diffusivity, and the criterion over start days; best are {best.rows} "
         f"rows from {run.case.record.stamp(best.row)}."
     )
 
 
-def _places(run: Run) -> str:
-    if run.places is None:
-        return ""
-    found = run.places
+def _places(run: Run, found: Places) -> str:
     return (
         f"Expected standard error with one more sensor at each of {len(found.places)} places, least at "
         f"{found.best:.3g} m from the left face, and at other sampling steps."
     )
 
 
-def _campaign(run: Run) -> str:
-    if run.campaign is None:
-        return ""
-    found = run.campaign
+def _campaign(run: Run, found: Pooled) -> str:
     return (
         f"Intervals of {len(found.windows)} windows, {len(found.used)} of them informative; all together "
         f"{found.value:.4g} m2/s."
     )
 
 
-def _estimate(run: Run) -> str:
-    if run.fit is None:
-        return ""
-    gap = float(np.sqrt(np.nanmean(run.fit.residual[:, : run.fit.sensors] ** 2)))
+def _estimate(run: Run, fit: Estimate) -> str:
+    gap = float(np.sqrt(np.nanmean(fit.residual[:, : fit.sensors] ** 2)))
     return (
-        f"The estimate goes to {run.fit.value:.4g} m2/s in {run.fit.iterations} steps; simulated and measured "
+        f"The estimate goes to {fit.value:.4g} m2/s in {fit.iterations} steps; simulated and measured "
         f"temperatures differ by {gap:.2g} K root mean square."
     )
 
 
-def _flux(run: Run) -> str:
-    if run.fit is None or run.fit.thermal is None:
+def _flux(run: Run, fit: Estimate) -> str:
+    if (told := fit.thermal) is None:
         return ""
-    told, left = run.fit.thermal, run.fit.residual[:, run.fit.sensors :]
+    left = fit.residual[:, fit.sensors :]
     return (
         f"Measured and simulated heat flux of {len(told.gains)} plate(s), {np.sqrt(np.nanmean(left**2)):.2g} W/m2 root "
         f"mean square apart; resistance {told.resistance.value:.3g} m2K/W."
     )
 
 
-def _reliability(run: Run) -> str:
-    if run.reliability is None:
-        return ""
-    sizes = [run.reliability.sizes(s) for s in range(len(run.reliability.names))]
+def _reliability(run: Run, found: Reliability) -> str:
+    sizes = [found.sizes(s) for s in range(len(found.names))]
     told = ", ".join(
         f"{name} {after:.2g} K ({before:.2g} K with the prior)"
-        for name, (before, after, _) in zip(run.reliability.names, sizes, strict=True)
+        for name, (before, after, _) in zip(found.names, sizes, strict=True)
     )
     return f"The record's last week against the prediction, and the residuals' densities: {told}."
 
 
-def _missing(run: Run) -> str:
-    found = run.explanation
-    if found is None:
-        return ""
+def _missing(run: Run, found: Explanation) -> str:
     first = found.table[0] if found.table else None
     most = f"; {first.label} explains most by itself" if first else ""
     return (
@@ -103,10 +95,7 @@ def _missing(run: Run) -> str:
     )
 
 
-def _residuals(run: Run) -> str:
-    found = run.explanation
-    if found is None:
-        return ""
+def _residuals(run: Run, found: Explanation) -> str:
     sizes = ", ".join(
         f"{name} {before:.2g} to {after:.2g} K"
         for (name, before), after in zip(
@@ -116,27 +105,35 @@ def _residuals(run: Run) -> str:
     return f"Measured minus simulated by sensor over time and by hour of the day, before and after: {sizes}."
 
 
+def _about(part: str, tell: Callable[[Run, Any], str]) -> Alternative:
+    """Told of a part of the run; nothing where the run did not get there."""
+    return lambda run: "" if getattr(run, part) is None else tell(run, getattr(run, part))
+
+
 def _said(text: str) -> Alternative:
     return lambda run: text
 
 
 CAPTIONS: dict[str, tuple[str, Alternative]] = {
     "wall": ("The wall in section, to scale across, with the places of its sensors.", _wall),
-    "record": ("What was logged. Yellow: the window that an estimate uses; grey: where the record is broken.", _record),
+    "record": (
+        "What was logged. A yellow band is the window that an estimate uses, a grey one a break of the record.",
+        _record,
+    ),
     "design": (
         "Which days tell most: how far each reading would move with the diffusivity, and what a window from each "
         "start day would tell, over the best.",
-        _design,
+        _about("design", _design),
     ),
     "places": (
         "What one more sensor would do to the diffusivity's standard error, by its place (dotted: without it), and "
         "what a row more often or more rarely would.",
-        _places,
+        _about("places", _places),
     ),
     "campaign": (
         "The 95 % interval of each window (blue: informative, larger dots weigh more; grey: not in the mean), and of "
         "all of them together.",
-        _campaign,
+        _about("campaign", _campaign),
     ),
     "orders": (
         "Error of the reduced model against its order.",
@@ -144,12 +141,12 @@ CAPTIONS: dict[str, tuple[str, Alternative]] = {
     ),
     "estimate": (
         "Convergence of the estimate, and the temperatures measured against those simulated with it.",
-        _estimate,
+        _about("fit", _estimate),
     ),
     "reliability": (
         "The whole record, of which the estimate saw only a window, against the prediction; beside it the residuals' "
         "density and that of the measurement's own uncertainty.",
-        _reliability,
+        _about("reliability", _reliability),
     ),
     "uncertainty": (
         "How uncertain single readings are: sensor noise, and what an error of position makes of the gradient; beside "
@@ -159,7 +156,7 @@ CAPTIONS: dict[str, tuple[str, Alternative]] = {
     "flux": (
         "Heat flux at the faces, measured (dots) and simulated. The first readings are left out: they follow from the "
         "initial profile's short waves, which nothing tells.",
-        _flux,
+        _about("fit", _flux),
     ),
     "loads": (
         "Heat flux through the inner face and the energy that passes, with the estimate and with the prior.",
@@ -168,9 +165,12 @@ CAPTIONS: dict[str, tuple[str, Alternative]] = {
     "missing": (
         "How the gap between model and readings shrinks with each effect towards the noise floor, and what each "
         "effect of the library would explain beside the plain model.",
-        _missing,
+        _about("explanation", _missing),
     ),
-    "residuals": ("What the models leave, by sensor and time, and by sensor and hour of the day.", _residuals),
+    "residuals": (
+        "What the models leave, by sensor and time, and by sensor and hour of the day.",
+        _about("explanation", _residuals),
+    ),
     "remainder": (
         "What none of the known effects explains: the smooth part of the residual, orthogonal to all that the model "
         "could still adapt.",

@@ -83,7 +83,7 @@ def _notes(case: Case) -> list[str]:
     done = record.cleaning
     for column, times in done.masked.items():
         if len(times) > _MANY_MASKED * record.rows:
-            found.append(f"{column}: {len(times)} values were masked; look at them in record.png")
+            found.append(f"{column}: {len(times)} values were masked; look at them in the figure of the record")
     if case.sensors:
         moves = max(float(np.ptp(face)) for face in record.faces[~record.broken].T)
         noise = min(sensor.noise_std for sensor in case.sensors)

@@ -67,6 +67,12 @@ From = Annotated[
     int | None,
     typer.Option("--from-row", min=0, help="Start the window at this row (the first is 0), not where the design says."),
 ]
+Formats = Annotated[
+    str,
+    typer.Option(
+        "--format", metavar="LIST", help='Of the figures\' files: png, svg or pdf; several with commas: "png,svg".'
+    ),
+]
 OUT = Path("wallid-out")
 
 
@@ -95,6 +101,7 @@ def demo(
     out: Out = OUT,
     json: Json = False,
     quiet: Quiet = False,
+    formats: Formats = "png",
 ) -> None:
     """The whole method on the packaged case `saint_julien`, a synthetic twin of the paper's old wall.
 
@@ -102,7 +109,8 @@ def demo(
     diffusivity with it in.
     """
     stages = (*workflow.STAGES, "diagnose")
-    _go("saint_julien", model, stages, out, json, quiet, orders=orders, weights=weights, integrator=integrator)
+    options = {"weights": weights, "integrator": integrator}
+    _go("saint_julien", model, stages, out, json, quiet, formats, orders=orders, **options)
 
 
 @app.command()
@@ -116,6 +124,7 @@ def run(
     out: Out = OUT,
     json: Json = False,
     quiet: Quiet = False,
+    formats: Formats = "png",
 ) -> None:
     """Design, learn, estimate, and hold the whole record against the result.
 
@@ -123,7 +132,7 @@ def run(
     `wallid diagnose`.
     """
     options = {"weights": weights, "integrator": integrator, "draws": bootstrap}
-    _go(case, model, workflow.STAGES, out, json, quiet, orders=orders, **options)
+    _go(case, model, workflow.STAGES, out, json, quiet, formats, orders=orders, **options)
 
 
 @app.command()
@@ -195,13 +204,15 @@ def _refuse(error: InputError) -> NoReturn:
 
 
 @app.command()
-def check(case: CaseArgument, out: Out = OUT, json: Json = False, quiet: Quiet = False) -> None:
+def check(
+    case: CaseArgument, out: Out = OUT, json: Json = False, quiet: Quiet = False, formats: Formats = "png"
+) -> None:
     """What the record holds, what was done to it while it was read, and what would stop a run.
 
     Gaps, missing and masked values, spikes, breaks, the grid that the readings were put on: counted, and
-    drawn in record.png. Takes a second or two. Status 1: something would stop a run.
+    drawn in the figure of the record. Takes a second or two. Status 1: something would stop a run.
     """
-    _go(case, None, ("check",), out, json, quiet)
+    _go(case, None, ("check",), out, json, quiet, formats)
 
 
 @app.command()
@@ -239,10 +250,11 @@ def design(
     out: Out = OUT,
     json: Json = False,
     quiet: Quiet = False,
+    formats: Formats = "png",
 ) -> None:
     """Which days of the record tell most, what longer windows would give, and where a further sensor would help."""
     designing = workflow.Designing(criterion, of, robust, full or of != "diffusivity", add)
-    _go(case, None, ("design", "lengths", "places"), out, json, quiet, designing=designing)
+    _go(case, None, ("design", "lengths", "places"), out, json, quiet, formats, designing=designing)
 
 
 @app.command()
@@ -269,6 +281,7 @@ def estimate(
     out: Out = OUT,
     json: Json = False,
     quiet: Quiet = False,
+    formats: Formats = "png",
 ) -> None:
     """The diffusivity from the best window (or from one that you name), without the rest."""
     options = {"weights": weights, "integrator": integrator, "draws": bootstrap}
@@ -279,20 +292,24 @@ def estimate(
         }  # fmt: skip
         if wrong := [name for name, there in given.items() if there]:
             _refuse(InputError(f"--all-windows goes through every window by the large model; leave {wrong[0]} out"))
-        _go(case, None, ("campaign",), out, json, quiet)
+        _go(case, None, ("campaign",), out, json, quiet, formats)
         return
-    _go(case, model, ("design", "learn", "estimate"), out, json, quiet, from_row=from_row, free=free, **options)
+    _go(
+        case, model, ("design", "learn", "estimate"), out, json, quiet, formats, from_row=from_row, free=free, **options
+    )
 
 
 @app.command()
-def diagnose(case: CaseArgument, out: Out = OUT, json: Json = False, quiet: Quiet = False) -> None:
+def diagnose(
+    case: CaseArgument, out: Out = OUT, json: Json = False, quiet: Quiet = False, formats: Formats = "png"
+) -> None:
     """What the plain model misses in the whole record, and the diffusivity with it in.
 
     Each effect of a library (sensors, faces, materials, sources) is tried: the verdict names the one that is
     missing with its size, or says that none is, that two cannot be told apart, or that it is none of these.
     Takes about a minute; `[choices] diagnose_days` shortens the record.
     """
-    _go(case, None, ("diagnose",), out, json, quiet)
+    _go(case, None, ("diagnose",), out, json, quiet, formats)
 
 
 def _go(
@@ -302,6 +319,7 @@ def _go(
     out: Path,
     json: bool,
     quiet: bool,
+    formats: str,
     *,
     from_row: int | None = None,
     free: list[str] | None = None,
@@ -314,6 +332,7 @@ def _go(
     try:
         with _progress(quiet or json) as progress:
             progress("reading the case", 0.0)
+            wanted = report.parse_formats(formats)
             case = _load(name, model, out, free)
             window = None if from_row is None else _window(case, from_row)
             done = workflow.run(
@@ -325,14 +344,16 @@ def _go(
                 **choices,  # pyright: ignore[reportArgumentType] (typer has checked the words)
             )
             progress("figures", 0.9)
-            written = report.write(done, out, shlex.join(["wallid", *sys.argv[1:]]))
+            written = report.write(done, out, shlex.join(["wallid", *sys.argv[1:]]), wanted)
     except InputError as error:
         _refuse(error)
     if json:
-        print(report.dumps(done))
+        print((out / "result.json").read_text("utf-8"), end="")
     elif not quiet:
         print(done)
         print(f"\nwrote        {', '.join(path.name for path in written)} to {out}")
+        if done.fit is not None and done.explanation is None and case.sensors and not done.unreliable:
+            print(f"next         wallid diagnose {shlex.quote(name)}: does the model miss something?")
     if done.unreliable:
         raise typer.Exit(1)
 

@@ -1,6 +1,6 @@
 """The exact step of a linear model, as a diffrax solver.
 
-For inputs that are straight lines inside a step of length h::
+For inputs that are straight lines inside a step of length h:
 
     x_1 = e^z x_0 + h (phi_1 - phi_2)(z) g q_0 + h phi_2(z) g q_1,     z = h (Fo A + A0), g = Fo B + B0
 

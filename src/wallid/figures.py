@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from io import StringIO
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 from . import plot
@@ -39,7 +43,28 @@ STEMS = (
     "periodogram",
 )
 """The stems of all of them."""
+_MOST_POINTS = 20_000  # of a line: past it a drawing holds it as pixels
+_MOST_MARKERS = 400  # of a line: each is a stroke of its own
 _MOST_SENSORS = 6  # of the worst week's figure
+
+
+def save(made: Figure, to: Path | StringIO, kind: str = "", *, salt: str = "", transparent: bool = False) -> None:
+    """Write a figure, the same bytes each time; of a drawing, what would be too many strokes is held as pixels.
+
+    Arguments:
+        kind: "png", "svg" or "pdf"; a path's own where it is empty. salt: of the names within an SVG.
+    """
+    for ax in made.axes:
+        for mesh in ax.collections:
+            mesh.set_rasterized(isinstance(mesh, QuadMesh))
+        for line in ax.lines:
+            marked = line.get_marker() not in ("None", "none", "", " ", None)
+            line.set_rasterized(np.size(line.get_xdata()) > (_MOST_MARKERS if marked else _MOST_POINTS))
+    if isinstance(to, Path):
+        kind, salt = kind or to.suffix[1:], salt or to.stem
+    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
+    with plot.style(), mpl.rc_context({"svg.hashsalt": salt, "svg.fonttype": "path"}):
+        made.savefig(to, format=kind, transparent=transparent, metadata=undated)
 
 
 def figures(run: Run) -> Iterator[tuple[str, Figure]]:

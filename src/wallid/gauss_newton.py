@@ -3,7 +3,7 @@
     p_{k+1} = p_k + (J^T J)^-1 J^T r(p_k),      r = weighted (measured - model)
 
 It goes on while `gamma_1 >= eta_1` and `gamma_2 >= eta_2`, with the relative changes of the cost
-and of the parameters::
+and of the parameters:
 
     gamma_1 = |J(p_{k+1}) - J(p_k)| / J(p_k),      gamma_2 = |p_{k+1} - p_k| / |p_k|
 

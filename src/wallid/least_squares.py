@@ -1,6 +1,6 @@
 """The paper's estimate: Gauss-Newton on the weighted misfit of each reading by itself.
 
-Minimised over `y = (ln(alpha/alpha_0), beta)`::
+Minimised over `y = (ln(alpha/alpha_0), beta)`:
 
     J(y) = sum over readings ((T_model(alpha) + offset_std beta - T_measured) / sigma)^2 + |beta|^2
 

@@ -4,9 +4,10 @@
 
 with `F = diag(f)`, `f < 0`. Learning minimises the misfit to the large model's outputs and
 sensitivities over a set of signals, each divided by its root mean square (the paper divides point
-by point, by values that vanish at t = 0)::
+by point, by values that vanish at t = 0):
 
-    J = sum_signals  |Y_u - y_u|^2 / rms(y_u)^2  +  |Y_theta - y_theta|^2 / rms(y_theta)^2
+    J = sum_signals  |Y_u - y_u|^2 / rms(y_u)^2
+                     + |Y_theta - y_theta|^2 / rms(y_theta)^2
 
 Three things are given by the physics and not learned. In a steady state a mode sits at
 `X = b Q`, `b = -G/f`, so with `S` the large model's static gain the direct term is `D = S - H b`:

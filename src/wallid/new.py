@@ -23,6 +23,7 @@ __all__ = ["Answers", "metres", "new_case", "place"]
 
 _DAY = 86400.0
 _LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+_MOST_BARE = 3.0  # m; above it a number without a unit is rather cm or mm
 _LEFT = re.compile(r"left|links|gauche|inner|indoor|inside|innen|int\b|_in\b|_i\b|si\b", re.IGNORECASE)
 _RIGHT = re.compile(r"right|rechts|droit|outer|outdoor|outside|aussen|außen|ext\b|out\b|_e\b|se\b", re.IGNORECASE)
 
@@ -31,7 +32,7 @@ def metres(name: str, text: str) -> float:
     """A length such as "0.43", "43 cm" or "430 mm", in m.
 
     Raises:
-        InputError: anything else.
+        InputError: anything else, or a bare number too large for metres to be meant.
     """
     found = re.fullmatch(r"\s*([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(m|cm|mm)?\s*", text)
     try:
@@ -40,6 +41,9 @@ def metres(name: str, text: str) -> float:
         value = float("nan")
     if found is None or value != value:
         raise InputError(f'{name} = {text!r}; it must be a length, such as 0.43, "43 cm" or "430 mm"')
+    if found[2] is None and value > _MOST_BARE:
+        bare = found[1]
+        raise InputError(f'{name} = {text!r}: in m? give the unit with it: "{bare} mm", "{bare} cm" or "{bare} m"')
     return number(name, round(value * _LENGTHS[found[2] or "m"], 9), "m", least=0.0)
 
 

@@ -18,7 +18,7 @@ Source: P. Whittle, Ark. Mat. 2 (1953), 423; D. A. Harville, J. Am. Stat. Assoc.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -26,9 +26,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.fft import dct
 from scipy.linalg import solve_triangular, toeplitz
-from scipy.optimize import brentq, minimize
-from scipy.stats import norm as normal
-from scipy.stats import t as student
+from scipy.special import ndtr, stdtr
 
 _LEAST_SHARE = 0.3  # a frequency of which the directions taken out leave less says nothing about noise
 _RANK = 1e-4  # of the directions taken out, relative to the largest after whitening
@@ -104,9 +102,11 @@ class Noise:
         `sum_i p_i T((q / ratio_i) with `freedom` degrees) = 0.975`: Student's, and the normal one where nothing
         was estimated.
         """
-        share = student(self.freedom) if np.isfinite(self.freedom) else normal
+        from scipy.optimize import brentq  # a quarter of a second, and the import of this package would pay it
+
+        share = partial(stdtr, self.freedom) if np.isfinite(self.freedom) else ndtr
         top = 1e3 * self.ratio.max()
-        found = brentq(lambda q: self.chance @ share.cdf(q / self.ratio) - 0.975, 0.0, top, full_output=True)[1]
+        found = brentq(lambda q: self.chance @ share(q / self.ratio) - 0.975, 0.0, top, full_output=True)[1]
         return float(found.root)
 
     @property
@@ -293,6 +293,8 @@ def estimate_noise(
     """
     if len(model.gaps):
         directions = np.concatenate([directions, model.largest_gaps])
+    from scipy.optimize import minimize
+
     likelihood = _Whittle(model, residual, directions)
     grid = [(lasting, rho) for lasting in _SHARES for rho in _CORRELATIONS]
     lasting, rho, sizes, costs, totals = 0.0, 0.8, (1.0, 0.0, 0.8), np.zeros(len(grid)), np.zeros(len(grid))

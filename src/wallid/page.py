@@ -16,22 +16,19 @@ from functools import cache
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
-import numpy as np
-from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from ._style import GREY, style
+from ._style import GREY
 from .captions import CAPTIONS
 from .effects import untestable
+from .figures import save
 
 if TYPE_CHECKING:
     from .workflow import Run
 
 _PACKAGES = ("wallid", "jax", "equinox", "diffrax", "optimistix", "numpy", "scipy", "matplotlib", "pandas")
 _INK = "#010203"  # stands for the text's colour until the page says which that is
-_MOST_POINTS = 20_000  # of a line: past it a figure is held as pixels
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -41,7 +38,7 @@ _BADGES = {
     "confusable": "a missing effect, and rivals",
     "unnamed": "something unknown is missing",
     "uninformative": "not to be relied on",
-    None: "estimated",
+    None: "estimate",
 }
 
 
@@ -90,8 +87,11 @@ def page(run: Run, result: dict[str, Any], figures: Iterable[tuple[str, Figure]]
 
 def _badge(run: Run, result: dict[str, Any]) -> str:
     if run.check is not None:
-        return "a run would stop" if run.check.stops else "a run can go ahead"
-    return _BADGES[result["verdict"]]
+        return "check: a run would stop" if run.check.stops else "check: a run can go ahead"
+    if run.fit is None and run.campaign is None and run.explanation is None and not run.unreliable:
+        return "design"
+    verdict = result["verdict"]
+    return _BADGES[None] if verdict is None else f"{verdict}: {_BADGES[verdict]}"
 
 
 def answer(run: Run, result: dict[str, Any]) -> str:
@@ -100,7 +100,7 @@ def answer(run: Run, result: dict[str, Any]) -> str:
         told = [*(f"A run would stop: {stop}" for stop in run.check.stops), *run.check.notes]
         return ". ".join(told or ["Nothing would stop a run"]) + "."
     if run.explanation is not None:
-        return run.explanation.sentence
+        return unit(run.explanation.sentence.replace("+-", "±"))
     if run.unreliable:
         return f"This record gives no number to rely on: {run.unreliable}."
     if run.campaign is not None:
@@ -111,9 +111,12 @@ def answer(run: Run, result: dict[str, Any]) -> str:
         )
     if run.fit is not None and run.fit.thermal is not None:
         told = run.fit.thermal
+        resistance, transmittance = (
+            unit(str(quantity)).replace("+-", "±") for quantity in (told.resistance, told.transmittance)
+        )
         return (
-            f"From face to face the wall has a resistance of {unit(str(told.resistance))}, and with the standard "
-            f"surface resistances a U-value of {unit(str(told.transmittance))}."
+            f"From face to face the wall has a resistance of {resistance}, and with the standard surface resistances a "
+            f"U-value of {transmittance}."
         )
     if run.fit is not None:
         gap = result["gap"]
@@ -186,9 +189,9 @@ def unit(text: str) -> str:
 
 def _words(key: str) -> str:
     """A key of result.json in words, its unit at the end in parentheses."""
-    match = re.fullmatch(r"(.*)_(K|J_per_m2|degC)", key)
-    stem, unit = match.groups() if match else (key, "")
-    shown = {"J_per_m2": "J/m²", "degC": "°C"}.get(unit, unit)
+    match = re.fullmatch(r"(.*)_(K|J_per_m2|W_per_m2|degC)", key)
+    stem, unit = ("step", "s") if key == "step_s" else match.groups() if match else (key, "")
+    shown = {"J_per_m2": "J/m²", "W_per_m2": "W/m²", "degC": "°C"}.get(unit, unit)
     return stem.replace("_", " ") + (f" ({shown})" if shown else "")
 
 
@@ -207,15 +210,9 @@ def _picture(run: Run, stem: str, made: Figure) -> Picture:
 
 def _svg(made: Figure, stem: str) -> str:
     """A figure as the data URI of an SVG without a background, in the colour of the reader's text."""
-    for ax in made.axes:
-        for mesh in ax.collections:
-            mesh.set_rasterized(isinstance(mesh, QuadMesh))
-        for line in ax.lines:
-            line.set_rasterized(np.size(line.get_xdata()) > _MOST_POINTS)
     stream = io.StringIO()
-    with style(), mpl.rc_context({"svg.hashsalt": stem, "svg.fonttype": "path"}):
-        _in_ink(made)
-        made.savefig(stream, format="svg", transparent=True, metadata={"Date": None})
+    _in_ink(made)
+    save(made, stream, "svg", salt=stem, transparent=True)
     text = stream.getvalue()
     text = text[text.index("<svg") :].replace(_INK, "var(--ink)").replace(GREY.lower(), "var(--grey)")
     dark = "@media(prefers-color-scheme:dark){:root{--ink:#e3e6e8;--grey:#a9b0b6}}"
@@ -232,8 +229,8 @@ def _in_ink(made: Figure) -> None:
             if get is None or put is None:
                 continue
             try:
-                black = to_hex(get()) == "#000000"
-            except (TypeError, ValueError):  # several colours, or none
+                black = to_hex(get(), keep_alpha=True) == "#000000ff"
+            except (TypeError, ValueError):  # several colours
                 continue
             if black:
                 put(_INK)

@@ -1,7 +1,7 @@
 """Figures, each drawn on Axes that the caller gives, in one style.
 
 Colours are Okabe and Ito's, told apart by every kind of colour vision. Nothing here shows a
-window; `style()` is the house style as a matplotlib context.
+window; `style()` is the house style as a matplotlib context, `STYLE` as `plt.style.use` takes it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from ._style import BLUE, DAYS, GREEN, GREY, ORANGE, PURPLE, RED, SENSORS, SKY, YELLOW, colour, figure, style
+from ._style import BLUE, DAYS, GREEN, GREY, ORANGE, PURPLE, RED, SENSORS, SKY, STYLE, YELLOW, colour, figure, style
 from .case import Case
 from .design import Design
 from .estimate import Estimate
@@ -29,7 +29,7 @@ from .plot_discrepancy import (
     week_residuals,
     week_temperatures,
 )
-from .plot_record import coverage, record, thinned
+from .plot_record import coverage, legend_above, record, thinned
 from .plot_remainder import (
     colour_limit,
     cumulative_periodogram,
@@ -50,7 +50,7 @@ def theta(ax: Axes, case: Case, days: np.ndarray, sensitivity: np.ndarray) -> No
         ylabel=r"$\partial T / \partial \ln \alpha$ (K)",
         title="Sensitivity to the diffusivity",
     )
-    ax.legend(ncols=3, loc="upper left")
+    legend_above(ax, ncols=6)
 
 
 def criterion(ax: Axes, design: Design) -> None:
@@ -96,7 +96,7 @@ def orders(ax: Axes, learned: Sequence[Learned]) -> None:
 
 
 def convergence(value_ax: Axes, gamma_ax: Axes, fit: Estimate) -> None:
-    """The diffusivity and the two stopping criteria at each Gauss-Newton step."""
+    """The diffusivity and the two stopping criteria at each step: of the paper's iteration, then of the rounds."""
     steps = np.arange(len(fit.history["diffusivity"]))
     value_ax.plot(steps, fit.history["diffusivity"], "o-", color=BLUE)
     value_ax.set(xlabel="Gauss-Newton step", ylabel="diffusivity (m²/s)", title="Convergence")
@@ -106,6 +106,10 @@ def convergence(value_ax: Axes, gamma_ax: Axes, fit: Estimate) -> None:
         if seen.any():
             gamma_ax.semilogy(steps[seen], fit.history[name][1:][seen], "o-", color=tint, label=symbol)
     gamma_ax.set(xlabel="Gauss-Newton step", ylabel="relative change", title="Stopping criteria")
+    if fit.rounds and fit.iterations:
+        value_ax.axvline(fit.iterations + 0.5, color=GREY, ls=":", lw=1.0, label="then the full covariance")
+        gamma_ax.axvline(fit.iterations + 0.5, color=GREY, ls=":", lw=1.0)
+        value_ax.legend(loc="lower right")
     gamma_ax.legend()
     for ax in (value_ax, gamma_ax):
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -119,7 +123,7 @@ def measured_against_simulated(ax: Axes, case: Case, fit: Estimate) -> None:
         ax.plot(*thinned(days, part.sensors[:, s]), ".", ms=4, color=colour(s), alpha=0.6)
         ax.plot(*thinned(days, fit.predicted[:, s]), color=colour(s), label=sensor.name)
     ax.set(xlabel=DAYS, ylabel="temperature (°C)", title="Measured (dots) and simulated")
-    ax.legend(ncols=3)
+    legend_above(ax, ncols=5)
 
 
 def measured_flux(ax: Axes, case: Case, fit: Estimate, plate: int) -> None:
@@ -132,7 +136,7 @@ def measured_flux(ax: Axes, case: Case, fit: Estimate, plate: int) -> None:
     there = np.isfinite(fit.residual[:, fit.sensors + plate])
     ax.plot(days[there], fit.predicted[there, fit.sensors + plate], color=GREY, label="simulated")
     ax.set(xlabel=DAYS, ylabel="heat flux (W/m²)", title=f"Flux at the {face} face, positive to the right")
-    ax.legend(ncols=2)
+    legend_above(ax, ncols=2)
 
 
 def residual(ax: Axes, case: Case, fit: Estimate) -> None:
@@ -144,7 +148,7 @@ def residual(ax: Axes, case: Case, fit: Estimate) -> None:
         ax.plot(*shown, ".-", ms=3, lw=0.7, color=colour(s), label=sensor.name)
     ax.axhline(0.0, color=GREY, lw=0.8)
     ax.set(xlabel=DAYS, ylabel="residual (K)", title="Measured minus simulated")
-    ax.legend(ncols=3)
+    legend_above(ax, ncols=5)
 
 
 def _window_days(case: Case, window: Window) -> np.ndarray:
@@ -251,6 +255,7 @@ __all__ = [
     "RED",
     "SENSORS",
     "SKY",
+    "STYLE",
     "YELLOW",
     "colour",
     "colour_limit",

@@ -52,9 +52,15 @@ def record(ax: Axes, case: Case, window: Window | None = None) -> None:
     _mark_filled(ax, case, days)
     _mark_breaks(ax, case, days, label="broken")
     ax.set(xlabel=DAYS, ylabel="temperature (°C)", title=f"Record {case.name}")
+    legend_above(ax, ncols=3)
+
+
+def legend_above(ax: Axes, *, ncols: int) -> None:
+    """A legend over the curves, with room made for its rows."""
+    rows = -(-len(ax.get_legend_handles_labels()[0]) // ncols)
     low, high = ax.get_ylim()
-    ax.set_ylim(low, high + 0.3 * (high - low))  # room for the legend above the curves
-    ax.legend(ncols=3, loc="upper left")
+    ax.set_ylim(low, high + (0.06 + 0.08 * rows) * (high - low))
+    ax.legend(ncols=ncols, loc="upper left")
 
 
 def _mark_filled(ax: Axes, case: Case, days: np.ndarray) -> None:

@@ -6,7 +6,7 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,8 @@ from .wall import InputError
 from .workflow import Run
 
 SCHEMA = 1
+FORMATS = ("png", "svg", "pdf")
+"""In which figures can be written."""
 
 
 def result(run: Run) -> dict[str, Any]:
@@ -323,18 +325,31 @@ def _text(found: dict[str, Any]) -> str:
     return json.dumps(found, indent=2, allow_nan=False)
 
 
-def write(run: Run, out: str | Path, command: str = "") -> list[Path]:
+def parse_formats(text: str) -> tuple[str, ...]:
+    """The formats of figures that a list with commas names.
+
+    Raises:
+        InputError: none, or one that is not written.
+    """
+    found = tuple(dict.fromkeys(part.strip().lower() for part in text.split(",") if part.strip()))
+    if not found or not set(found) <= set(FORMATS):
+        raise InputError(f'--format {text!r}: png, svg or pdf are wanted, several with commas, such as "png,svg"')
+    return found
+
+
+def write(run: Run, out: str | Path, command: str = "", formats: Sequence[str] = ("png",)) -> list[Path]:
     """Write result.json, report.html, the figures and the reduced model into a folder: all of them, or none.
 
     Arguments:
         command: that makes them again, for the report.
+        formats: of the figures' files, among `FORMATS`.
 
     Raises:
         InputError: the folder cannot be made or written.
     """
     out = Path(out)
     with _folder(out) as made:
-        names = _fill(run, made, command)
+        names = _fill(run, made, command, formats)
         for name in names:
             os.replace(made / name, out / name)
     for stale in _written() - set(names):
@@ -346,7 +361,8 @@ def _written() -> set[str]:
     """What a run may write: what an earlier one left of these and this one did not write is not its result."""
     from .figures import STEMS
 
-    return {"result.json", "report.html", "model.npz", *(f"{stem}.png" for stem in STEMS)}
+    figures = (f"{stem}.{kind}" for stem in STEMS for kind in FORMATS)
+    return {"result.json", "report.html", "model.npz", *figures}
 
 
 def check_out(out: str | Path) -> None:
@@ -374,14 +390,15 @@ def _folder(out: Path) -> Iterator[Path]:
         raise InputError(f"--out {out}: cannot write there ({error.strerror or error})") from error
 
 
-def _fill(run: Run, folder: Path, command: str) -> list[str]:
-    from .figures import figures
+def _fill(run: Run, folder: Path, command: str, formats: Sequence[str]) -> list[str]:
+    from .figures import figures, save
     from .page import page
 
     names, drawn = [], []
     for stem, made in figures(run):
-        names.append(f"{stem}.png")
-        made.savefig(folder / names[-1])
+        for kind in formats:
+            names.append(f"{stem}.{kind}")
+            save(made, folder / names[-1])
         drawn.append((stem, made))
     found = result(run)
     names.append("report.html")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from ._columns import FEWEST_ROWS
 from .case import Case
@@ -16,7 +16,7 @@ from .experiment import HasBest, Window, as_window, check_unbroken, whole
 from .information import Looking, fisher, rows_per_bin, std_of, whitened
 from .wall import InputError
 
-_NORMAL_95 = float(norm.ppf(0.975))
+_NORMAL_95 = float(ndtri(0.975))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,11 @@
 """The one class for every linear model of the package, large or reduced.
 
-With the time in units of `t_ref` and `Fo = t_ref alpha / L^2`::
+With the time in units of `t_ref` and `Fo = t_ref alpha / L^2`:
 
     x' = (Fo A + A0) x + (Fo B + B0) q        x(0) = P a
     u  = C x + D q
-    theta = du/dFo = C_theta x_theta,   x_theta' = (Fo A + A0) x_theta + A x + B q,   x_theta(0) = 0
+    theta = du/dFo = C_theta x_theta
+    x_theta' = (Fo A + A0) x_theta + A x + B q     x_theta(0) = 0
 
 `q` are the inputs (for a wall: its two face temperatures), `a` the coefficients of the initial
 profile. A large original model and a reduced one differ in their matrices only.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from .extend import Fit, refit, whiten_block, whiten_part
 from .study import Slot, Study
@@ -143,6 +143,6 @@ def windows(fit: Fit, slot: Slot) -> Windows:
     size, std = np.where(told, size, np.nan), np.where(told, std, np.nan)
     weight = np.where(told, 1.0 / np.where(told, std, 1.0) ** 2, 0.0)
     mean = np.nansum(weight * size) / max(weight.sum(), 1e-300)
-    p = float(chi2.sf(np.nansum(weight * (size - mean) ** 2), max(told.sum() - 1, 1)))
+    p = float(chdtrc(max(told.sum() - 1, 1), np.nansum(weight * (size - mean) ** 2)))
     days = 0.5 * (edges[1:] + edges[:-1]) * study.bins.rows * study.record.step / _DAY
     return Windows(days, size, std, p)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.polynomial.hermite_e import hermegauss
 from scipy.linalg import solve_triangular
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from .extend import Fit
 
@@ -77,7 +77,7 @@ def locate(fit: Fit) -> Remainder:
 def chance(statistic: float, freedom: int, spread: float) -> float:
     """How often `exp(spread z) chi^2` passes a value, z standard normal: chi-square in noise of uncertain power."""
     node, weight = hermegauss(_NODES)
-    return float(weight @ chi2.sf(statistic * np.exp(-spread * node), freedom) / weight.sum())
+    return float(weight @ chdtrc(freedom, statistic * np.exp(-spread * node)) / weight.sum())
 
 
 def _mean(values: np.ndarray) -> np.ndarray:

@@ -15,7 +15,6 @@ from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from ..case import Case
 from ..effects import AIRS, SIDES, AbstractEffect, Campaign, Search, library, record_search
@@ -229,6 +228,8 @@ def _campaign(case: Case, record: Record) -> Campaign:
     def cubic(values: np.ndarray) -> np.ndarray:
         there = np.isfinite(values)
         held = np.interp(rows, rows[there], values[there]) if not there.all() else values
+        from scipy.interpolate import PchipInterpolator  # half a second, and only a diagnosis needs it
+
         return PchipInterpolator(rows, held).c[::-1].T  # powers of s, (interval, power)
 
     zeros = np.zeros(record.rows)
