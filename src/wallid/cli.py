@@ -14,6 +14,7 @@ import typer
 from threadpoolctl import threadpool_limits
 
 from . import workflow
+from ._cold import compile_quickly
 from ._fields import within
 from .case import Case, load
 from .experiment import Window, check_unbroken, window_rows
@@ -363,6 +364,7 @@ def _load(name: str, model: str | None, out: Path, free: list[str] | None = None
     from .report import check_out
 
     jax.config.update("jax_enable_x64", True)
+    compile_quickly()
     threadpool_limits(limits=1, user_api="blas")  # see learn_system for why
     case = load(name)
     check_out(out)

@@ -57,11 +57,13 @@ def first_order(
     system = plain.system
     (here, _), (moved, initial) = jax.jvp(lambda some: _held(some, campaign, profile), (terms,), (change,))
     f = _source(plain, moved, terms, change, campaign, diffusivity) @ system.into.T
-    m = system.run(system.into @ initial, jnp.stack([f[:-1], jnp.diff(f, axis=0)], axis=1), plain.step)[::substeps]
+    lines = jnp.stack([f[:-1], jnp.diff(f, axis=0)], axis=1)
+    m = system.run_in_modes(system.into @ initial, lines, plain.step)[::substeps]
     # other inputs, and what changes the faces, are cubics that may jump at a row
-    drive = here.course[..., 2:] @ (system.into @ moved.other).T + moved.course @ system.inputs.T
-    m = m + system.run(jnp.zeros_like(initial), drive, campaign.step)
-    rates = m * system.poles + f[::substeps] + at_rows(drive, campaign.step)[0]
+    drive = jnp.concatenate([here.course[..., 2:], moved.course], axis=-1)
+    inputs = jnp.concatenate([system.into @ moved.other, system.inputs], axis=1)
+    m = m + system.run(jnp.zeros_like(initial), drive, inputs, campaign.step)
+    rates = m * system.poles + f[::substeps] + at_rows(drive, campaign.step)[0] @ inputs.T
     q, _ = at_rows(plain.wall.course, campaign.step)
     course = plain.course[::substeps]
     warming = (course * system.poles + q @ system.inputs.T) @ system.out.T
@@ -79,7 +81,7 @@ def first_order(
 def _solved(terms: Terms, campaign: Campaign, diffusivity: Array, profile: Array, substeps: int) -> _Base:
     wall, step = cells(terms, campaign), campaign.step / substeps
     system, inputs = modes(wall, diffusivity), _finer(wall.course, substeps)
-    course = system.run(system.into @ start(wall, campaign, profile), inputs @ system.inputs.T, step)
+    course = system.run(system.into @ start(wall, campaign, profile), inputs, system.inputs, step)
     q, _ = at_rows(inputs, step)
     return _Base(wall, system, course, step, q.at[:, 2:].set(0.0))
 

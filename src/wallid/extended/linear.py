@@ -28,11 +28,35 @@ class Modes(eqx.Module):
     inputs: Float[Array, "mode input"]
 
     def run(
+        self,
+        initial: Float[Array, " mode"],
+        course: Float[Array, "interval power input"],
+        inputs: Float[Array, "mode input"],
+        step: Array,
+    ) -> Float[Array, "time mode"]:
+        """The modes at each row, driven by polynomials between rows that come in through `inputs`; exact.
+
+        The inputs are few: weighted with the phi-functions first, they never spread over all modes and powers.
+        """
+        weights = self._weights(course.shape[1], step)[:, :, None] * inputs
+        return self._stepped(initial, jnp.einsum("njq,jmq->nm", course, weights), step)
+
+    def run_in_modes(
         self, initial: Float[Array, " mode"], drive: Float[Array, "interval power mode"], step: Array
     ) -> Float[Array, "time mode"]:
-        """The modes at each row, driven by polynomials between rows; exact."""
-        E, *phis = phi_functions(step * self.poles, most=drive.shape[1])
-        driven = sum((drive[:, j] * (step * math.factorial(j) * phi) for j, phi in enumerate(phis)), jnp.zeros(()))
+        """The same where each mode has a polynomial of its own."""
+        weights = self._weights(drive.shape[1], step)
+        return self._stepped(initial, sum((drive[:, j] * w for j, w in enumerate(weights)), jnp.zeros(())), step)
+
+    def _weights(self, powers: int, step: Array) -> Float[Array, "power mode"]:
+        """`h j! phi_{j+1}(z)`: what a power of the time in a step adds to a mode."""
+        phis = phi_functions(step * self.poles, most=powers)[1:]
+        return step * jnp.stack([math.factorial(j) * phi for j, phi in enumerate(phis)])
+
+    def _stepped(
+        self, initial: Float[Array, " mode"], driven: Float[Array, "interval mode"], step: Array
+    ) -> Float[Array, "time mode"]:
+        E = jnp.exp(step * self.poles)
 
         def advance(m: Array, driven: Array) -> tuple[Array, Array]:
             m = E * m + driven
@@ -62,7 +86,7 @@ def linear_course(
 ) -> tuple[Float[Array, "time sensor"], Float[Array, "time sensor"]]:
     """Temperature (degC) and its rate (K/s) at the sensors, at each row, of a linear wall."""
     system = modes(wall, diffusivity)
-    m = system.run(system.into @ initial, wall.course @ system.inputs.T, campaign.step)
+    m = system.run(system.into @ initial, wall.course, system.inputs, campaign.step)
     q, q_rate = at_rows(wall.course, campaign.step)
     c = wall.state @ system.out
     value = m @ c.T + q[:, :2] @ wall.face.T
