@@ -1,4 +1,4 @@
-"""Every fortnight of two boreholes in a glacier: `python -m benchmarks.ice [--every 14]`.
+"""Every fortnight of two boreholes in a glacier: `python -m benchmarks.ice [--every 14] [--position-std 0]`.
 
 Ice is a known material, 1.1e-6 to 1.25e-6 m2/s at these temperatures. Faces at 0.5 and 1.5 m, a sensor at 1 m whose
 offset may be 0.1 K. Under the winter's snow the temperatures hardly vary: most windows from mid-January on can tell
@@ -32,6 +32,7 @@ name = "T_1m"
 position = 0.5
 noise_std = 0.01
 offset_std = 0.1
+position_std = {position_std}
 [choices]
 window_days = 14
 model = "lom"
@@ -71,13 +72,15 @@ def hourly(path: Path) -> pd.DataFrame:
     return table if whole.all() else table[: whole.idxmin() - pd.Timedelta(hours=1)]
 
 
-def fortnights(data: Path, borehole: str, folder: Path, every: int = DAYS) -> Iterator[Fortnight]:
+def fortnights(
+    data: Path, borehole: str, folder: Path, every: int = DAYS, position_std: float = 0.0
+) -> Iterator[Fortnight]:
     """Windows of 14 days from December on, `every` days apart."""
     import wallid
 
     hourly(data / "glacier_ice" / f"{borehole}.csv").to_csv(folder / f"{borehole}.csv")
     path = folder / f"{borehole}.toml"
-    path.write_text(CASE.format(file=f"{borehole}.csv"), encoding="utf-8")
+    path.write_text(CASE.format(file=f"{borehole}.csv", position_std=position_std), encoding="utf-8")
     case = wallid.load(path)
     large = wallid.large_model(case)
     rows = case.record.rows_per(DAYS)
@@ -104,6 +107,7 @@ if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--every", type=int, default=DAYS, help="days between the windows' starts")
+    parser.add_argument("--position-std", type=float, default=0.0, help="of the sensor's depth, m")
     given = parser.parse_args()
     data = Path(os.environ.get("WALLID_DATA", Path(__file__).parents[2] / "shared" / "data"))
     print("| borehole | 14 days from | diffusivity, m2/s | 95 % interval | says | meets 1.1e-6 to 1.25e-6 |")
@@ -111,7 +115,7 @@ if __name__ == "__main__":
     everything = []
     with tempfile.TemporaryDirectory() as folder:
         for borehole in BOREHOLES:
-            for found in fortnights(data, borehole, Path(folder), given.every):
+            for found in fortnights(data, borehole, Path(folder), given.every, given.position_std):
                 everything.append(found)
                 print(line(found), flush=True)
     narrow = sum(found.informative and found.meets and found.high < 1.5 * found.low for found in everything)

@@ -7,7 +7,7 @@ import sys
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal, NoReturn
+from typing import Annotated, Any, Literal, NoReturn
 
 import jax
 import typer
@@ -110,7 +110,7 @@ def demo(
     diffusivity with it in.
     """
     stages = (*workflow.STAGES, "diagnose")
-    options = {"weights": weights, "integrator": integrator}
+    options: dict[str, Any] = {"weights": weights, "integrator": integrator}
     _go("saint_julien", model, stages, out, json, quiet, formats, orders=orders, **options)
 
 

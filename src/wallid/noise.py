@@ -31,6 +31,7 @@ from scipy.special import ndtr, stdtr
 _LEAST_SHARE = 0.3  # a frequency of which the directions taken out leave less says nothing about noise
 _RANK = 1e-4  # of the directions taken out, relative to the largest after whitening
 _SPREAD = 1.0  # of ln(total variance / stated): how far the stated noise may be off
+_MOST_GAPS = 300  # each is a direction in a dense covariance
 _LONGEST = 0.98  # autocorrelation from row to row
 _SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _CORRELATIONS = (0.3, 0.5, 0.6, 0.7, 0.76, 0.82, 0.86, 0.89, 0.92, 0.95, 0.97)
@@ -225,10 +226,18 @@ class NoiseModel:
         return self.gaps[np.argsort(-size)[:most]]
 
 
+def _runs(there: np.ndarray) -> list[tuple[int, int]]:
+    """First row and the row after the last of each run."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], there.astype(int), [0]])))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
 def filled_gaps(
     fill_std: np.ndarray | None, face_std: float, response: np.ndarray, bins: Bins
 ) -> Float[np.ndarray, "gap reading"]:
     """What each gap's interpolation makes of the binned readings, one standard deviation of it, K.
+
+    Of very many gaps only the largest.
 
     Arguments:
         fill_std: of the interpolated faces in each row, K, 0 where a face was read; None for none.
@@ -246,13 +255,13 @@ def filled_gaps(
         return np.pad(values, short).reshape(-1, bins.rows, sensors).sum(axis=1)
 
     count = np.maximum(total(present), 1.0)
-    for side, face in enumerate(response):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], (excess[:, side] > 0).astype(int), [0]])))
-        for first, end in zip(edges[::2], edges[1::2], strict=True):
-            answer = np.zeros((rows, sensors))
-            for row in range(first, end):
-                answer[row:] += excess[row, side] * face[: rows - row]
-            found.append((total(answer * present) / count).T.reshape(-1))
+    gaps = [(side, first, end) for side in (0, 1) for first, end in _runs(excess[:, side] > 0)]
+    gaps.sort(key=lambda gap: -float(excess[gap[1] : gap[2], gap[0]].sum()))
+    for side, first, end in sorted(gaps[:_MOST_GAPS]):
+        answer = np.zeros((rows, sensors))
+        for row in range(first, end):
+            answer[row:] += excess[row, side] * response[side, : rows - row]
+        found.append((total(answer * present) / count).T.reshape(-1))
     return np.stack(found) if found else np.zeros((0, count.size))
 
 
