@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 
 from wallid import StateSpace
@@ -41,7 +42,7 @@ def compiled(system: StateSpace, step: float, inputs: np.ndarray, initial: np.nd
 
     def arguments(fourier: float) -> list[ctypes.c_void_p]:
         if fourier not in kept:
-            exact = step_map(system, np.asarray(fourier), np.asarray(step), sensitivity=True)
+            exact = step_map(system, jnp.asarray(fourier), jnp.asarray(step), sensitivity=True)
             parts = (exact.E, exact.W0, exact.W1, exact.E_theta, exact.V0, exact.V1, system.C, system.D)
             kept[fourier] = [
                 _pointer(array) for array in held.setdefault(fourier, list(map(np.ascontiguousarray, parts)))

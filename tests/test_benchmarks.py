@@ -1,0 +1,120 @@
+"""The benchmark's own parts: its rivals give the right answer, its tables say what was measured."""
+
+import shutil
+
+import numpy as np
+import pytest
+from benchmarks.__main__ import WORKS
+from benchmarks.measure import Measured
+from benchmarks.rivals.integrators import by_lsim
+from benchmarks.rivals.recurrence import compiled
+from benchmarks.table import as_markdown, seconds
+from benchmarks.works import learn, scaling, simulate
+from benchmarks.works.ratio import Asked
+from scipy.signal import lsim
+
+import wallid
+
+
+def measured(work, contender, taken, units=1, **error):
+    return Measured(work, contender, taken, (taken, taken), 5, units, 1.0, 10.0, 1.0, error)
+
+
+def three_modes():
+    return wallid.StateSpace(
+        A=np.array([-3.0, -20.0, -70.0]),
+        B=np.array([[1.0, 0.4], [-2.0, 3.0], [5.0, 1.0]]),
+        C=np.array([[1.0, 0.5, -0.2], [0.3, -1.0, 0.7]]),
+        D=np.array([[0.1, 0.0], [0.0, 0.2]]),
+        P=np.array([[1.0], [0.5], [-0.3]]),
+    )
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
+def test_the_c_recurrence_is_scipys_lsim():
+    time, fourier = np.arange(200) / 24, 0.3
+    inputs = np.cumsum(np.random.default_rng(2).standard_normal((200, 2)), axis=0)
+    system, start = three_modes(), np.array([2.0])
+    u, theta = compiled(system, 1 / 24, inputs, start)(np.array([0.9, fourier]))
+    A, B, C, D = (np.asarray(part) for part in (np.diag(system.A), system.B, system.C, system.D))
+
+    def at(fo):
+        return lsim((fo * A, fo * B, C, D), inputs, time, X0=np.asarray(system.P)[:, 0] * 2.0)[1]
+
+    np.testing.assert_allclose(u, at(fourier), atol=1e-11)
+    slope = (at(fourier + 1e-5) - at(fourier - 1e-5)) / 2e-5
+    np.testing.assert_allclose(theta, slope, atol=1e-5 * np.abs(theta).max())
+
+
+def test_lsim_with_theta_is_lsims_own_difference():
+    system = wallid.lom(wallid.Wall(length=0.4, diffusivity_prior=5e-7), [wallid.Output(0.1)], nodes=15)
+    time = np.arange(50) / 24
+    inputs = np.cumsum(np.random.default_rng(3).standard_normal((50, 2)), axis=0)
+    run = by_lsim(system, time, inputs, np.array([1.0, 0.5, 0.0]))
+    u, theta = run(0.2)
+    near = [run(0.2 + s)[0] for s in (-1e-5, 1e-5)]
+    np.testing.assert_allclose(theta, (near[1] - near[0]) / 2e-5, atol=1e-5 * np.abs(theta).max())
+    assert u.shape == theta.shape == (50, 1)
+
+
+def test_a_target_is_met_or_missed():
+    assert Asked("a", 30.0, 30.0, at_least=True).met
+    assert Asked("a", 29.9, 30.0, at_least=True).met is False
+    assert Asked("a", 3.1, 3.0, at_least=False).texts()[3] == "**missed**"
+    assert Asked("a", None, 3.0, at_least=False).texts()[2:] == ("not measured", "-")
+
+
+def test_ratios_are_of_one_unit():
+    results = {
+        "exact LOM": measured("simulate", "exact LOM", 0.002),
+        "MIM 5": measured("simulate", "MIM 5", 0.001, units=5),
+        "lsim": measured("simulate", "lsim", 0.1),
+        "C recurrence of order 5": measured("simulate", "C recurrence of order 5", 1e-4),
+    }
+    reached = {row.what: row.value for row in simulate.asked(results)}
+    assert reached["exact LOM, times faster than lsim"] == pytest.approx(50)
+    assert reached["MIM 5, times faster than exact LOM"] == pytest.approx(10)
+    assert reached["MIM 5, time over C recurrence of order 5"] == pytest.approx(2)
+    assert reached["exact LOM, times faster than diffrax Heun 30 s"] is None
+
+
+def test_the_worst_error_counts():
+    names = dict.fromkeys(learn.ERRORS, 1e-5)
+    ours = measured("learn", "variable projection, order 5", 0.1, **names | {"theta": 1e-3})
+    swarm = measured("learn", "particle swarm, order 5", 1.0, **dict.fromkeys(learn.ERRORS, 1e-2))
+    rows = learn.asked({ours.contender: ours, swarm.contender: swarm})
+    assert rows[0].value == pytest.approx(0.1) and rows[0].met is False
+    assert rows[1].value == pytest.approx(0.1) and rows[1].met
+
+
+def test_exponents_of_a_power_law():
+    results = {
+        f"{name} {size}": measured("scaling", f"{name} {size}", 1e-6 * size**power)
+        for power, (name, sizes) in enumerate(scaling.SIZES.items())
+        for size in sizes
+    }
+    found = scaling.exponents(results)
+    for power, name in enumerate(scaling.SIZES):
+        assert found[name] == pytest.approx(power, abs=1e-9)
+
+
+def test_the_table_says_what_was_measured_and_what_was_not():
+    ground = {"processor": "P", "cores": 2, "load_at_start": 0.0, "python": "3.11", "versions": {"jax": "0"}}
+    found = {"simulate": {"exact LOM": measured("simulate", "exact LOM", 0.00123, u=2e-14)}}
+    text = as_markdown(found, {"simulate": {"lsim": "gone\nno lsim here"}}, ground)
+    assert "| exact LOM | 1.23 ms | 1.23 ms to 1.23 ms | 1 s | 10 MiB | u 2.0e-14 |" in text
+    assert "| lsim | - | - | - | - | no lsim here |" in text
+    assert "not measured" in text
+
+
+@pytest.mark.parametrize(("value", "text"), [(2.0, "2 s"), (0.0123, "12.3 ms"), (4.2e-5, "42 µs"), (3e-8, "0.03 µs")])
+def test_seconds_have_a_fitting_unit(value, text):
+    assert seconds(value) == text
+
+
+def test_every_work_has_its_module():
+    import importlib
+
+    for work in WORKS:
+        module = importlib.import_module(f"benchmarks.works.{work}")
+        assert module.TITLE and module.CONTENDERS and isinstance(module.asked({}), list)
