@@ -22,7 +22,7 @@ class Lengths:
     Arguments:
         days: the windows' lengths.
         criterion: the best window's information, over the longest's, 1.
-        seconds: of one estimate.
+        seconds: of one estimate; between the shortest, the middle and the longest, straight lines.
     """
 
     days: np.ndarray
@@ -50,7 +50,8 @@ def lengths(
     """The criterion of the best window of each length, and what its estimate costs.
 
     Arguments:
-        cost: seconds of an estimate from a window, such as `seconds_of_estimate` measures.
+        cost: seconds of an estimate from a window, such as `seconds_of_estimate` measures; asked for the shortest, the
+            middle and the longest, which each compile an estimate of their own, with straight lines between.
         full, criterion, of, robust, diffusivities: as in `design`.
         on_length: told of each length when it is done.
     """
@@ -65,12 +66,15 @@ def lengths(
         profiles, system = start_profiles(case, starts), large_model(case)
         found = window_information(system, fourier, experiment(case), jnp.asarray(starts), profiles, rows=rows)
         information = np.asarray(found) * np.square(np.asarray(fourier))[:, None, None]
-    best, seconds = [], []
+    best, seconds, asked = [], {}, {0, len(days) // 2, len(days) - 1}
     for k, length in enumerate(days):
         there = np.flatnonzero(case.record.holds(starts, rows[k]))
         sizes = information[:, there, k]
         at = int(np.argmax(merit(sizes, robust)))
         best.append(sizes[:, at])
-        seconds.append(cost(Window(int(starts[there[at]]), rows[k])))
+        if k in asked:
+            seconds[rows[k]] = cost(Window(int(starts[there[at]]), rows[k]))
         on_length(length)
-    return Lengths(np.asarray(days, float), merit(np.array(best).T, robust), np.array(seconds))
+    by_rows = sorted(seconds.items())
+    costs = np.interp(rows, [count for count, _ in by_rows], [taken for _, taken in by_rows])
+    return Lengths(np.asarray(days, float), merit(np.array(best).T, robust), costs)

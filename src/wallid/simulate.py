@@ -185,7 +185,7 @@ def _in_lanes(system: StateSpace, exact: StepMap, state: State, inputs: Array) -
     lanes = math.isqrt(rows)
     length = -(-rows // lanes)
     held = jnp.concatenate([inputs, jnp.broadcast_to(inputs[-1:], (lanes * length - rows, inputs.shape[1]))])
-    ends = tuple(part.reshape(lanes, length, -1).swapaxes(0, 1) for part in (held[:-1], held[1:]))
+    before, after = (part.reshape(lanes, length, -1).swapaxes(0, 1) for part in (held[:-1], held[1:]))
     rest = jax.tree.map(lambda part: jnp.zeros((lanes, *part.shape)), state)
     one = jnp.ones_like(exact.E)
     powers = (one, None if exact.E_theta is None else jnp.zeros_like(one))
@@ -196,12 +196,12 @@ def _in_lanes(system: StateSpace, exact: StepMap, state: State, inputs: Array) -
         moved = exact.advance(now[0], *q), exact.move(now[1], still)
         return moved, moved
 
-    _, (from_rest, power) = jax.lax.scan(step, (rest, powers), ends)
+    _, (from_rest, power) = jax.lax.scan(step, (rest, powers), (before, after))
     power = jax.tree.map(lambda part: part[:, None], power)
     lane, ends_from_rest = jax.tree.map(lambda part: part[-1, 0], power), jax.tree.map(lambda part: part[-1], from_rest)
     _, firsts = jax.lax.scan(lambda now, end: (_from(lane, now, end), now), state, ends_from_rest)
     states = _from(power, firsts, from_rest)
-    by_lane = _outputs(system, states, ends[1])
+    by_lane = _outputs(system, states, after)
     in_order = jax.tree.map(lambda part: part.swapaxes(0, 1).reshape(lanes * length, -1)[:rows], by_lane)
     last = divmod(rows - 1, length)[::-1]
     return jax.tree.map(lambda part: part[last], states), in_order
