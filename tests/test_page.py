@@ -141,3 +141,15 @@ def test_many_readings_do_not_swell_a_drawing(tmp_path):
     save(made, tmp_path / "week.svg")
     text = (tmp_path / "week.svg").read_text("utf-8")
     assert len(text) < 200_000 and text.count("<image") == 1 and text.count("<use") > 200
+
+
+def test_a_page_stays_under_3_mb_whatever_it_shows(run):
+    """Lines of thousands of points, each allowed by itself."""
+    rng, figures = np.random.default_rng(0), []
+    for stem in ("wall", "record"):
+        made, ax = plot.figure()
+        for _ in range(6):
+            ax.plot(np.cumsum(rng.normal(size=19_000)))
+        figures.append((stem, made))
+    text = page(run, report.result(run), figures)
+    assert 100_000 < len(check(text).text.encode()) < 3e6

@@ -80,7 +80,7 @@ def compromise(ax: Axes, lengths: Lengths) -> None:
     (right,) = cost.plot(lengths.days, 1e3 * lengths.seconds, "s--", color=ORANGE, label="one estimate")
     cost.set(ylabel="time of one estimate (ms)", ylim=(0, None))
     cost.grid(False)
-    ax.legend(handles=[left, right], loc="upper left")
+    ax.legend(handles=[left, right], loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)  # beside the title
 
 
 def orders(ax: Axes, learned: Sequence[Learned]) -> None:
