@@ -140,7 +140,8 @@ CAPTIONS: dict[str, tuple[str, Alternative]] = {
         _said("Largest errors of reduced models fall with their order; the numbers are in result.json."),
     ),
     "estimate": (
-        "Convergence of the estimate, and the temperatures measured against those simulated with it.",
+        "Convergence of the estimate, and the temperatures measured against those simulated with it. Shaded: where 95 "
+        "of 100 readings would lie by the sensors' stated noise and the diffusivity's standard error.",
         _about("fit", _estimate),
     ),
     "reliability": (

@@ -146,8 +146,9 @@ def _estimate_figure(run: Run) -> Figure:
     assert run.fit is not None
     made, axes = plot.figure(2, 2, width=9.0, height=2.8)
     plot.convergence(axes[0, 0], axes[0, 1], run.fit)
-    plot.measured_against_simulated(axes[1, 0], run.case, run.fit)
-    plot.residual(axes[1, 1], run.case, run.fit)
+    theta = theta_kelvin(large_model(run.case), run.case, run.fit.window, run.fit.value)
+    plot.measured_against_simulated(axes[1, 0], run.case, run.fit, theta)
+    plot.residual(axes[1, 1], run.case, run.fit, theta)
     return made
 
 
