@@ -110,8 +110,8 @@ def demo(
     diffusivity with it in.
     """
     stages = (*workflow.STAGES, "diagnose")
-    options = {"weights": weights, "integrator": integrator}
-    _go("saint_julien", model, stages, out, json, quiet, formats, orders=orders, **options)
+    options = {"orders": orders, "weights": weights, "integrator": integrator}
+    _go("saint_julien", model, stages, out, json, quiet, formats, from_row=None, free=None, **options)
 
 
 @app.command()

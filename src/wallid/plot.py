@@ -139,7 +139,7 @@ def measured_against_simulated(ax: Axes, case: Case, fit: Estimate, theta: np.nd
     part = case.record.window(fit.window.row, fit.window.rows)
     for s, sensor in enumerate(case.sensors):
         if theta is not None:
-            _band(ax, days, fit.predicted[:, s], reading_interval(case, fit, theta)[:, s], s)
+            _band(ax, days, fit.predicted[:, s], reading_interval(case, fit, theta)[:, s], colour(s), 0.25)
         ax.plot(*thinned(days, part.sensors[:, s]), ".", ms=4, color=colour(s), alpha=0.6)
         ax.plot(*thinned(days, fit.predicted[:, s]), color=colour(s), label=sensor.name)
     ax.set(xlabel=DAYS, ylabel="temperature (°C)", title="Measured (dots) and simulated")
@@ -168,7 +168,7 @@ def residual(ax: Axes, case: Case, fit: Estimate, theta: np.ndarray | None = Non
     days = _window_days(case, fit.window)
     for s, sensor in enumerate(case.sensors):
         if theta is not None:
-            _band(ax, days, np.zeros(len(days)), reading_interval(case, fit, theta)[:, s], s)
+            _band(ax, days, np.zeros(len(days)), reading_interval(case, fit, theta)[:, s], GREY, 0.08)
         there = np.isfinite(fit.residual[:, s])
         shown = thinned(days[there], fit.residual[there, s])
         ax.plot(*shown, ".-", ms=3, lw=0.7, color=colour(s), label=sensor.name)
@@ -177,11 +177,11 @@ def residual(ax: Axes, case: Case, fit: Estimate, theta: np.ndarray | None = Non
     legend_above(ax, ncols=5)
 
 
-def _band(ax: Axes, days: np.ndarray, middle: np.ndarray, half: np.ndarray, sensor: int) -> None:
-    """A sensor's interval about a course, of a long window every some rows."""
+def _band(ax: Axes, days: np.ndarray, middle: np.ndarray, half: np.ndarray, tint: str, alpha: float) -> None:
+    """An interval about a course, of a long window every some rows."""
     some = slice(None, None, max(1, len(days) // _BAND_POINTS))
     low, high = (middle - half)[some], (middle + half)[some]
-    ax.fill_between(days[some], low, high, color=colour(sensor), alpha=0.15, lw=0)
+    ax.fill_between(days[some], low, high, color=tint, alpha=alpha, lw=0)
 
 
 def _window_days(case: Case, window: Window) -> np.ndarray:
