@@ -14,6 +14,8 @@ from pages import check
 import wallid
 from wallid import plot, report
 from wallid.captions import CAPTIONS
+from wallid.estimated import Estimate
+from wallid.experiment import Window, fit_profile
 from wallid.figures import STEMS, save
 from wallid.page import number, page, tables
 from wallid.workflow import Run
@@ -141,3 +143,39 @@ def test_many_readings_do_not_swell_a_drawing(tmp_path):
     save(made, tmp_path / "week.svg")
     text = (tmp_path / "week.svg").read_text("utf-8")
     assert len(text) < 200_000 and text.count("<image") == 1 and text.count("<use") > 200
+
+
+def test_a_page_stays_under_3_mb_whatever_it_shows(run):
+    """Lines of thousands of points, each allowed by itself."""
+    rng, figures = np.random.default_rng(0), []
+    for stem in ("wall", "record"):
+        made, ax = plot.figure()
+        for _ in range(6):
+            ax.plot(np.cumsum(rng.normal(size=19_000)))
+        figures.append((stem, made))
+    text = page(run, report.result(run), figures)
+    assert 100_000 < len(check(text).text.encode()) < 3e6
+
+
+def test_a_readings_interval_is_its_noise_and_what_the_diffusivity_leaves_open(run):
+    """By hand: 1.96 times the root of 0.1^2 + (theta std / value)^2, shaded about prediction and zero."""
+    case, rows = run.case, 30
+    predicted = np.tile(np.linspace(5.0, 9.0, rows)[:, None], (1, 3))
+    theta = np.tile([0.0, 3.0, 4.0], (rows, 1))
+    fit = Estimate(
+        value=1e-6, std=2.5e-8, interval_95=(0.9e-6, 1.1e-6), offsets={}, result="", reliable=True, reason="",
+        iterations=0, evaluations=0, history={}, reduced_chi_square=1.0, predicted=predicted,
+        residual=0.1 * predicted, covariance=np.eye(1), singular_values=np.ones(1), model_shift=0.0,
+        profile=fit_profile(case, 10), model="", window=Window(10, rows),
+    )  # fmt: skip
+    half = plot.reading_interval(case, fit, theta)
+    np.testing.assert_allclose(half[0], 1.959964 * np.array([0.1, 0.125, np.sqrt(0.02)]), rtol=1e-6)
+    _, axes = plot.figure(1, 2)
+    plot.measured_against_simulated(axes[0], case, fit, theta)
+    plot.residual(axes[1], case, fit, theta)
+    for ax, middle in ((axes[0], predicted[:, 1]), (axes[1], np.zeros(rows))):
+        assert len(ax.collections) == 3
+        edges = ax.collections[1].get_paths()[0].get_extents()
+        assert edges.y0 == pytest.approx(middle.min() - half[0, 1]) and edges.y1 == pytest.approx(
+            middle.max() + half[0, 1]
+        )

@@ -140,7 +140,8 @@ CAPTIONS: dict[str, tuple[str, Alternative]] = {
         _said("Largest errors of reduced models fall with their order; the numbers are in result.json."),
     ),
     "estimate": (
-        "Convergence of the estimate, and the temperatures measured against those simulated with it.",
+        "Convergence of the estimate, and the temperatures measured against those simulated with it. Shaded: where 95 "
+        "of 100 readings would lie by the sensors' stated noise and the diffusivity's standard error.",
         _about("fit", _estimate),
     ),
     "reliability": (
@@ -159,8 +160,8 @@ CAPTIONS: dict[str, tuple[str, Alternative]] = {
         _about("fit", _flux),
     ),
     "loads": (
-        "Heat flux through the inner face and the energy that passes, with the estimate and with the prior.",
-        _said("Heat flux and energy through the inner face for several diffusivities; the numbers are below."),
+        "Heat flux through the inner face, and how the energy that passes moves with the diffusivity.",
+        _said("Heat flux through the inner face, and its energy for several diffusivities; the numbers are below."),
     ),
     "missing": (
         "How the gap between model and readings shrinks with each effect towards the noise floor, and what each "

@@ -48,18 +48,28 @@ _MOST_MARKERS = 400  # of a line: each is a stroke of its own
 _MOST_SENSORS = 6  # of the worst week's figure
 
 
-def save(made: Figure, to: Path | StringIO, kind: str = "", *, salt: str = "", transparent: bool = False) -> None:
+def save(
+    made: Figure,
+    to: Path | StringIO,
+    kind: str = "",
+    *,
+    salt: str = "",
+    transparent: bool = False,
+    most_points: int = _MOST_POINTS,
+) -> None:
     """Write a figure, the same bytes each time; of a drawing, what would be too many strokes is held as pixels.
 
     Arguments:
         kind: "png", "svg" or "pdf"; a path's own where it is empty. salt: of the names within an SVG.
+        most_points: of a line that is not held as pixels.
     """
     for ax in made.axes:
         for mesh in ax.collections:
             mesh.set_rasterized(isinstance(mesh, QuadMesh))
         for line in ax.lines:
             marked = line.get_marker() not in ("None", "none", "", " ", None)
-            line.set_rasterized(np.size(line.get_xdata()) > (_MOST_MARKERS if marked else _MOST_POINTS))
+            most = min(_MOST_MARKERS, most_points) if marked else most_points
+            line.set_rasterized(np.size(line.get_xdata()) > most)
     if isinstance(to, Path):
         kind, salt = kind or to.suffix[1:], salt or to.stem
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
@@ -136,8 +146,9 @@ def _estimate_figure(run: Run) -> Figure:
     assert run.fit is not None
     made, axes = plot.figure(2, 2, width=9.0, height=2.8)
     plot.convergence(axes[0, 0], axes[0, 1], run.fit)
-    plot.measured_against_simulated(axes[1, 0], run.case, run.fit)
-    plot.residual(axes[1, 1], run.case, run.fit)
+    theta = theta_kelvin(large_model(run.case), run.case, run.fit.window, run.fit.value)
+    plot.measured_against_simulated(axes[1, 0], run.case, run.fit, theta)
+    plot.residual(axes[1, 1], run.case, run.fit, theta)
     return made
 
 

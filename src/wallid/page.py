@@ -10,7 +10,7 @@ import io
 import platform
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from .workflow import Run
 
 _PACKAGES = ("wallid", "jax", "equinox", "diffrax", "optimistix", "numpy", "scipy", "matplotlib", "pandas")
+_DECIMALS = re.compile(r"(\.\d\d)\d+")  # past a hundredth of a point nothing is seen
+_MOST_BYTES = 2_500_000  # of all pictures: a page stays under 3 MB
+_FEW_POINTS = 50  # of a line in a picture that is too large
 _INK = "#010203"  # stands for the text's colour until the page says which that is
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -66,7 +69,7 @@ def page(run: Run, result: dict[str, Any], figures: Iterable[tuple[str, Figure]]
         figures: with their stems.
         command: that makes the page again; empty where there was none.
     """
-    pictures = [_picture(run, stem, made) for stem, made in figures]
+    pictures = _pictures(run, list(figures))
     return _template().render(
         run=run,
         case=run.case,
@@ -203,17 +206,30 @@ def _untestable(run: Run) -> dict[str, str]:
     return {name: ", ".join(needs) for name, needs in untestable(study.sensors, study.record.regressors).items()}
 
 
+def _pictures(run: Run, figures: list[tuple[str, Figure]]) -> list[Picture]:
+    """The figures as the page holds them; where they are too large together, the largest with its lines as pixels."""
+    pictures = [_picture(run, stem, made) for stem, made in figures]
+    by_size = sorted(range(len(figures)), key=lambda k: -len(pictures[k].source))
+    for k in by_size:
+        if sum(len(picture.source) for picture in pictures) <= _MOST_BYTES:
+            break
+        stem, made = figures[k]
+        pictures[k] = replace(pictures[k], source=_svg(made, stem, most_points=_FEW_POINTS))
+    return pictures
+
+
 def _picture(run: Run, stem: str, made: Figure) -> Picture:
     caption, alt = CAPTIONS[stem]
     return Picture(stem, _svg(made, stem), alt(run), caption, made.get_figwidth())
 
 
-def _svg(made: Figure, stem: str) -> str:
+def _svg(made: Figure, stem: str, **options: int) -> str:
     """A figure as the data URI of an SVG without a background, in the colour of the reader's text."""
     stream = io.StringIO()
     _in_ink(made)
-    save(made, stream, "svg", salt=stem, transparent=True)
+    save(made, stream, "svg", salt=stem, transparent=True, **options)
     text = stream.getvalue()
+    text = re.sub(r'(?<= d=")[^"]*|(?<= [xy]=")[^"]*', lambda found: _DECIMALS.sub(r"\1", found[0]), text)
     text = text[text.index("<svg") :].replace(_INK, "var(--ink)").replace(GREY.lower(), "var(--grey)")
     dark = "@media(prefers-color-scheme:dark){:root{--ink:#e3e6e8;--grey:#a9b0b6}}"
     ink = f"<style>:root{{--ink:#1d2329;--grey:{GREY}}}{dark}@media print{{:root{{--ink:#000;--grey:{GREY}}}}}</style>"

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from ._style import BLUE, DAYS, GREEN, GREY, ORANGE, PURPLE, RED, SENSORS, SKY, STYLE, YELLOW, colour, figure, style
 from .case import Case
 from .design import Design
-from .estimate import Estimate
+from .estimate import NORMAL_95, Estimate
 from .experiment import Window, fit_profile
 from .lengths import Lengths
 from .mim import Learned
@@ -39,6 +39,8 @@ from .plot_remainder import (
 )
 from .plot_wall import wall
 from .reliability import Loads, Reliability
+
+_BAND_POINTS = 1000
 
 
 def theta(ax: Axes, case: Case, days: np.ndarray, sensitivity: np.ndarray) -> None:
@@ -80,7 +82,7 @@ def compromise(ax: Axes, lengths: Lengths) -> None:
     (right,) = cost.plot(lengths.days, 1e3 * lengths.seconds, "s--", color=ORANGE, label="one estimate")
     cost.set(ylabel="time of one estimate (ms)", ylim=(0, None))
     cost.grid(False)
-    ax.legend(handles=[left, right], loc="upper left")
+    ax.legend(handles=[left, right], loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)  # beside the title
 
 
 def orders(ax: Axes, learned: Sequence[Learned]) -> None:
@@ -115,11 +117,29 @@ def convergence(value_ax: Axes, gamma_ax: Axes, fit: Estimate) -> None:
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def measured_against_simulated(ax: Axes, case: Case, fit: Estimate) -> None:
-    """Readings and model over the estimate's window."""
+def reading_interval(case: Case, fit: Estimate, theta: np.ndarray) -> np.ndarray:
+    """Half the width of each reading's 95 % interval about the prediction, K, `(time, sensor)`.
+
+    From the sensor's noise as stated and from the diffusivity's standard error: `1.96 sqrt(noise^2 + (theta std)^2)`.
+
+    Arguments:
+        theta: `dT/d(ln alpha)` over the estimate's window, K, as `wallid.estimate.theta_kelvin` gives it.
+    """
+    noise = np.array([sensor.noise_std for sensor in case.sensors])
+    return NORMAL_95 * np.hypot(noise, np.asarray(theta) * fit.std / fit.value)
+
+
+def measured_against_simulated(ax: Axes, case: Case, fit: Estimate, theta: np.ndarray | None = None) -> None:
+    """Readings and model over the estimate's window, with each reading's 95 % interval.
+
+    Arguments:
+        theta: see `reading_interval`; None leaves the interval out.
+    """
     days = _window_days(case, fit.window)
     part = case.record.window(fit.window.row, fit.window.rows)
     for s, sensor in enumerate(case.sensors):
+        if theta is not None:
+            _band(ax, days, fit.predicted[:, s], reading_interval(case, fit, theta)[:, s], colour(s), 0.25)
         ax.plot(*thinned(days, part.sensors[:, s]), ".", ms=4, color=colour(s), alpha=0.6)
         ax.plot(*thinned(days, fit.predicted[:, s]), color=colour(s), label=sensor.name)
     ax.set(xlabel=DAYS, ylabel="temperature (°C)", title="Measured (dots) and simulated")
@@ -139,16 +159,29 @@ def measured_flux(ax: Axes, case: Case, fit: Estimate, plate: int) -> None:
     legend_above(ax, ncols=2)
 
 
-def residual(ax: Axes, case: Case, fit: Estimate) -> None:
-    """Measured minus simulated over the estimate's window."""
+def residual(ax: Axes, case: Case, fit: Estimate, theta: np.ndarray | None = None) -> None:
+    """Measured minus simulated over the estimate's window, with each reading's 95 % interval.
+
+    Arguments:
+        theta: see `reading_interval`; None leaves the interval out.
+    """
     days = _window_days(case, fit.window)
     for s, sensor in enumerate(case.sensors):
+        if theta is not None:
+            _band(ax, days, np.zeros(len(days)), reading_interval(case, fit, theta)[:, s], GREY, 0.08)
         there = np.isfinite(fit.residual[:, s])
         shown = thinned(days[there], fit.residual[there, s])
         ax.plot(*shown, ".-", ms=3, lw=0.7, color=colour(s), label=sensor.name)
     ax.axhline(0.0, color=GREY, lw=0.8)
     ax.set(xlabel=DAYS, ylabel="residual (K)", title="Measured minus simulated")
     legend_above(ax, ncols=5)
+
+
+def _band(ax: Axes, days: np.ndarray, middle: np.ndarray, half: np.ndarray, tint: str, alpha: float) -> None:
+    """An interval about a course, of a long window every some rows."""
+    some = slice(None, None, max(1, len(days) // _BAND_POINTS))
+    low, high = (middle - half)[some], (middle + half)[some]
+    ax.fill_between(days[some], low, high, color=tint, alpha=alpha, lw=0)
 
 
 def _window_days(case: Case, window: Window) -> np.ndarray:
@@ -277,6 +310,7 @@ __all__ = [
     "measured_flux",
     "orders",
     "ranked_gains",
+    "reading_interval",
     "record",
     "residual",
     "residual_map",
