@@ -171,7 +171,7 @@ def test_a_new_case_runs(command, tmp_path):
     assert again.exit_code == 2 and "--force" in again.stderr
     assert (tmp_path / "case.toml").read_text() == text
     assert command("new", tmp_path / "record.csv", *OPTIONS, "--force", "--quiet", out=False).stdout == ""
-    assert command("run", tmp_path, "--model", "lom", "--quiet").exit_code == 0
+    assert command("estimate", tmp_path, "--model", "lom", "--quiet").exit_code == 0
 
 
 def test_lines_above_a_header_that_are_filled_up_with_separators(command, tmp_path):

@@ -274,6 +274,5 @@ def test_the_case_studys_orders_against_the_large_model():
     case = wallid.load("saint_julien")
     window = wallid.design(case)
     large = wallid.estimate(case, window, wallid.large_model(case)).value
-    for order in (7, 12):
-        reduced = wallid.learn(case, window, order)
-        assert wallid.estimate(case, window, reduced).value == pytest.approx(large, rel=5e-3)
+    # of all of them the smallest is off most
+    assert wallid.estimate(case, window, wallid.learn(case, window, 7)).value == pytest.approx(large, rel=5e-3)

@@ -1,12 +1,10 @@
 """On measured records, read in place from `WALLID_DATA`."""
 
-import json
 import re
 
 import pytest
-from typer.testing import CliRunner
 
-from wallid.cli import app
+import wallid
 
 ICE = """
 [wall]
@@ -34,6 +32,6 @@ def test_glacier_ice_in_december(measured, tmp_path, offset_std, low, high):
     kept = [line for line in lines if re.match(r"time|2014-12", line)]
     (tmp_path / "december.csv").write_text("\n".join(kept))
     (tmp_path / "case.toml").write_text(ICE.format(offset_std=offset_std))
-    ended = CliRunner().invoke(app, ["run", str(tmp_path), "--json", "--out", str(tmp_path / "out")])
-    assert ended.exit_code == 0, ended.stderr
-    assert low <= json.loads(ended.stdout)["diffusivity"]["value"] <= high
+    case = wallid.load(tmp_path)
+    fit = wallid.estimate(case, wallid.design(case))
+    assert fit.reliable and low <= fit.value <= high

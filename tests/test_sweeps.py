@@ -96,7 +96,8 @@ def test_a_missing_reading_counts_for_nothing():
 
 
 def _surroundings(devices):
-    forced = {"XLA_FLAGS": f"--xla_force_host_platform_device_count={devices}", "JAX_ENABLE_X64": "1"}
+    flags = os.environ.get("XLA_FLAGS", "")  # the same code as in this process
+    forced = {"XLA_FLAGS": f"{flags} --xla_force_host_platform_device_count={devices}", "JAX_ENABLE_X64": "1"}
     return os.environ | forced | {"PYTHONPATH": str(ROOT)}
 
 
