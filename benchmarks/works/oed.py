@@ -64,7 +64,7 @@ def _ours(times: int = 1, **options: Any) -> Prepared:
     windows = case.record.rows - ROWS + 1
 
     def run() -> np.ndarray:
-        return wallid.design(case, every_rows=1, model=model, **options).information[0]
+        return wallid.design(case, window_days=ROWS / 24, every_rows=1, model=model, **options).information[0]
 
     return Prepared(run, _error if times == 1 else lambda found: {}, units=windows)
 
