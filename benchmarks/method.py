@@ -13,11 +13,11 @@ from collections.abc import Callable, Iterator
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.signal import lsim
 
 import wallid
 from benchmarks.cases import saint_julien_case, validation_case
 from benchmarks.make_examples import slab_response
+from benchmarks.rivals.integrators import by_lsim
 from wallid.estimate import fit_experiment
 from wallid.mim import learn_system
 
@@ -38,13 +38,9 @@ def exact_against_lsim(case: wallid.Case) -> Row:
     nodal = wallid.lom(case.wall, outputs, nodes=75, profile_degree=0)
     data = wallid.experiment(case)
     fo = wallid.scales(case).fourier(5.21e-7)
-    A, B, C = (np.asarray(part) for part in (nodal.A, nodal.B, nodal.C))
-    zero, none = np.zeros_like(A), np.zeros_like(C)
-    system = np.block([[fo * A, zero], [A, fo * A]]), np.vstack([fo * B, B]), np.block([[C, none], [none, C]])
-    start = np.concatenate([np.asarray(nodal.P @ data.initial), np.zeros(len(A))])
-    _, want, _ = lsim((*system, np.zeros((10, 2))), np.asarray(data.inputs), np.asarray(data.time), X0=start)
+    want = by_lsim(nodal, *(np.asarray(part) for part in (data.time, data.inputs, data.initial)))(fo)
     u, theta = wallid.explicit(nodal.modal(), fo, data)
-    worst = max(np.abs(u - want[:, :5]).max(), np.abs(theta - want[:, 5:]).max())
+    worst = max(np.abs(u - want[0]).max(), np.abs(theta - want[1]).max())
     return "exact solver against `scipy.signal.lsim`, field and sensitivity", "1e-10", f"{worst:.1e}"
 
 

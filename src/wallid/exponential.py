@@ -73,11 +73,11 @@ class StepMap(eqx.Module):
     def move(self, state: State, drive: State) -> State:
         """The state a step later, with what the inputs add."""
         x, theta = state
-        times = jnp.multiply if self.E.ndim == 1 else jnp.matmul
-        x1 = times(self.E, x) + drive[0]
+        step = jnp.multiply if self.E.ndim == 1 else jnp.matmul
+        x1 = step(self.E, x) + drive[0]
         if theta is None or self.E_theta is None or drive[1] is None:
             return x1, None
-        return x1, times(self.E, theta) + times(self.E_theta, x) + drive[1]
+        return x1, step(self.E, theta) + step(self.E_theta, x) + drive[1]
 
     def advance(self, state: State, q0: Float[Array, "*rows input"], q1: Float[Array, "*rows input"]) -> State:
         """The state a step later; `q0`, `q1` are the inputs at the step's two ends."""

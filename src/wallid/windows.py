@@ -15,8 +15,8 @@ from .case import Case
 from .courses import Model
 from .experiment import Experiment, dimensionless_profile, fit_profile, scales
 from .information import Criterion, Looking, Of, fisher, kept, rows_per_bin, std_of, told
-from .sensitivity import profile_response
-from .simulate import Integrator, run_rows
+from .sensitivity import explicit, profile_response
+from .simulate import Integrator
 from .statespace import StateSpace
 from .sweeps import Sweep
 from .sweeps import sweep as over_items
@@ -72,14 +72,22 @@ def start_profiles(case: Case, starts: np.ndarray) -> StartProfiles:
     return StartProfiles(jnp.asarray(np.stack(initial)), jnp.asarray(np.stack(per_offset)))
 
 
+def _slopes(
+    system: StateSpace, fo: Array, data: Experiment, integrator: Integrator
+) -> tuple[Float[Array, "time sensor"], Float[Array, "time sensor offset"] | None]:
+    """theta, and what each estimated offset makes of the readings (None: there is none)."""
+    _, theta = explicit(system, fo, data, integrator=integrator)
+    return theta, _offset_columns(system, fo, data, integrator) if data.offsets else None
+
+
 def _offset_columns(
-    system: StateSpace, fo: Array, data: Experiment, per_offset: Array, rows: int, integrator: Integrator
+    system: StateSpace, fo: Array, data: Experiment, integrator: Integrator
 ) -> Float[Array, "time sensor offset"]:
     """What one kelvin of each estimated offset makes of the predicted readings, K."""
-    places = np.asarray(data.offsets)
+    places, rows = np.asarray(data.offsets), data.inputs.shape[0]
 
     def column(place: Array) -> Array:
-        u = profile_response(system, fo, data.step, rows, -per_offset[:, place], integrator=integrator)
+        u = profile_response(system, fo, data.step, rows, -data.profile_per_offset[:, place], integrator=integrator)
         return data.temperature * u + jax.nn.one_hot(place, u.shape[1])
 
     return jnp.moveaxis(jax.vmap(column)(jnp.asarray(places)), 0, -1)
@@ -146,12 +154,12 @@ def _of_window(
     )
     offset_std = extended.offset_std[np.asarray(extended.offsets, dtype=int)]
 
+    own = eqx.tree_at(
+        lambda d: (d.inputs, d.initial, d.profile_per_offset), extended, (inputs, profile.initial, profile.per_offset)
+    )
+
     def at(fo: Array) -> Array:
-        _, theta = run_rows(system, fo, extended.step, inputs, profile.initial, sensitivity=True, integrator=integrator)
-        assert theta is not None
-        columns = None
-        if extended.offsets:
-            columns = _offset_columns(system, fo, extended, profile.per_offset, longest, integrator)
+        theta, columns = _slopes(system, fo, own, integrator)
         return _information(theta, weight, columns, offset_std, rows)
 
     return jax.vmap(at)(fourier) if sweep == "vmap" else jax.lax.map(at, fourier)
@@ -168,15 +176,10 @@ def cut_information(
     integrator: Integrator = "propagator",
 ) -> Float[Array, "case window"]:
     """The information of each window on Fo (in u), cut from one run over the whole record."""
-    whole = data.inputs.shape[0]
     offset_std = data.offset_std[np.asarray(data.offsets, dtype=int)]
 
     def at(fo: Array) -> Array:
-        _, theta = run_rows(system, fo, data.step, data.inputs, data.initial, sensitivity=True, integrator=integrator)
-        assert theta is not None
-        columns = None
-        if data.offsets:
-            columns = _offset_columns(system, fo, data, data.profile_per_offset, whole, integrator)
+        theta, columns = _slopes(system, fo, data, integrator)
         everything = (theta, data.weight, columns)
 
         def one(start: Array) -> Array:
