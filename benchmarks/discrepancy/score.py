@@ -61,13 +61,13 @@ def jobs(families: Iterable[str], records: int, seed: int) -> list[Job]:
             drawn += [(family, kind, specs[number :: len(OUTSIDE)]) for number, kind in enumerate(OUTSIDE)]
         else:
             raise ValueError(f"unknown family {family!r}")
+    # a share of every kind, then the next: a run that is stopped has seen all kinds alike
     found = [
-        Job(f"{family}/{kind}/{seed}/{number}", family, kind, spec)
+        (number / len(specs), Job(f"{family}/{kind}/{seed}/{number}", family, kind, spec))
         for family, kind, specs in drawn
         for number, spec in enumerate(specs)
     ]
-    # records of one shape after another, so that a worker seldom compiles anew
-    return sorted(found, key=lambda job: (job.spec.days, job.key))
+    return [job for _, job in sorted(found, key=lambda one: (one[0], one[1].key))]
 
 
 # ---------------------------------------------------------------------------------------------- one record

@@ -14,7 +14,7 @@ from ..measure import AbsentError
 
 PARTICLES, ITERATIONS, SEED = 50, 100, 0  # the paper's, and a fixed seed
 SLOWEST, FASTEST = 1.0, 3e4  # poles, per t_ref at Fo = 1
-EVERY = 8  # of the signals' rows count, as in `wallid.mim`
+EVERY = 8  # of the signals' rows count, as in `wallid.variable_projection`
 
 
 def by_pymor(nodal: wallid.StateSpace, order: int, way: str) -> wallid.StateSpace:

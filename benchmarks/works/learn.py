@@ -31,7 +31,7 @@ def _models() -> tuple[wallid.StateSpace, wallid.StateSpace, wallid.Signals]:
     return nodal, nodal.modal(), wallid.learning_signals(case, wallid.Window(0, case.record.rows))
 
 
-def _error(system: wallid.StateSpace) -> dict[str, float]:
+def eps_inf(system: wallid.StateSpace) -> dict[str, float]:
     """eps_inf of u and theta over 50 diffusivities, on the learned face signal and on one never learned."""
     time = np.arange(2881) * 30 / DAY
     courses = {"": 5 * np.sin(2 * np.pi * time) / 20, ", never learned": 3 * (1 - np.cos(4 * np.pi * time)) / 20}
@@ -53,16 +53,16 @@ def _error(system: wallid.StateSpace) -> dict[str, float]:
 
 def _projection(order: int) -> Prepared:
     _, modal, signals = _models()
-    return Prepared(lambda: jax.block_until_ready(wallid.learn_system(modal, order, signals).system), _error)
+    return Prepared(lambda: jax.block_until_ready(wallid.learn_system(modal, order, signals).system), eps_inf)
 
 
 def _swarm(order: int, *, eliminated: bool) -> Prepared:
     _, modal, signals = _models()
-    return Prepared(partial(by_swarm, modal, order, signals, eliminated=eliminated), _error, once=True)
+    return Prepared(partial(by_swarm, modal, order, signals, eliminated=eliminated), eps_inf, once=True)
 
 
 def _pymor(order: int, way: str) -> Prepared:
-    return Prepared(partial(by_pymor, _models()[0], order, way), _error)
+    return Prepared(partial(by_pymor, _models()[0], order, way), eps_inf)
 
 
 def _contenders() -> dict[str, Callable[[], Any]]:
