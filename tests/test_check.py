@@ -275,7 +275,7 @@ def test_dates_that_do_not_tell(tmp_path):
 
 
 def test_long_curves_keep_their_extremes():
-    from wallid.plot import thinned
+    from wallid.plot_record import thinned
 
     days, values = np.arange(50_000.0), np.sin(np.arange(50_000) / 900)
     values[30_001], values[1000:9000] = 7.0, np.nan

@@ -206,13 +206,14 @@ def test_offset_covariance_is_that_of_the_marginal_model(case, reduced):
 
 def test_a_reduced_model_that_is_too_coarse_says_so(case, reduced, large):
     """Its error against the large model is reported as a shift and counted; what it misses passes for noise."""
-    coarse = wallid.estimate(case, None, wallid.learn(case, wallid.design(case), 1))
+    first = wallid.learn(case, wallid.design(case), 1)
+    coarse = wallid.estimate(case, None, first)
     right = wallid.estimate(case, None, large)
     apart = np.log(right.value / coarse.value)
     assert coarse.std > 4 * right.std
     assert coarse.interval_95[0] < right.value < coarse.interval_95[1]
     assert abs(coarse.model_shift + apart) < coarse.std / coarse.value
-    plain = wallid.estimate(case, None, wallid.learn(case, wallid.design(case), 1), weights="none")
+    plain = wallid.estimate(case, None, first, weights="none")
     assert not plain.reliable and "reduced model's own error" in plain.reason
     fine = wallid.estimate(case, None, reduced)
     assert fine.reliable and abs(fine.model_shift) < 0.1 * fine.std / fine.value

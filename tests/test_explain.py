@@ -7,6 +7,7 @@ import pytest
 from benchmarks.discrepancy.truth import Hidden, Spec, simulate, write_case
 
 import wallid
+from wallid.discrepancy.extend import refit
 from wallid.discrepancy.words import separation
 from wallid.effects import untestable
 
@@ -55,6 +56,7 @@ def test_nothing_is_missing_from_a_wall_from_which_nothing_is(explained, noise):
     assert abs(np.log(found.after.diffusivity / truth)) < 4 * found.after.log_std
     assert found.result()["effects"] == []
     assert found.gap.after == pytest.approx(found.gap.floor, rel=0.15)
+    assert replace(found, gap=replace(found.gap, held_out_after=3 * found.gap.floor)).verdict == "unnamed"
     assert all(np.isfinite(size) and size > 0 for size in found.smallest().values())
 
 
@@ -118,20 +120,34 @@ def test_a_rival_is_told_and_spans_the_interval(explained):
 
 
 def test_no_name_stands_beside_what_it_does_not_explain(explained):
-    """A rest, a third effect that is wanted, a size that changes: the name is withdrawn, and the reason told."""
+    """A rest, a third effect wanted, a size that changes, days held out missed: no name, and the reason told."""
     found, _ = explained(("solar_gain", "left", {"gain": 0.004}))
     assert found.verdict == "named" and found.incomplete == "" and found.wanting == 1.0
     (named,) = found.effects
     rest = replace(found, left_after=replace(found.left_after, p_value=1e-3))
     third = replace(found, wanting=1e-3)
     changing = replace(found, effects=(replace(named, windows=replace(named.windows, p_value=1e-4)),))
-    for doubted, words in ((rest, "omnibus test"), (third, "a third would"), (changing, "another size at another")):
+    missed = replace(found, gap=replace(found.gap, held_out_after=3 * found.gap.floor))
+    for doubted, words in (
+        (rest, "omnibus test"),
+        (third, "a third would"),
+        (changing, "another size at another"),
+        (missed, "days held out are still missed"),
+    ):
         assert doubted.verdict == "unnamed"
         assert words in doubted.sentence and "olar gain of the left face" in doubted.sentence
         assert doubted.result()["effects"] == []
         low, high = doubted.interval_95
         assert low <= min(found.interval_95[0], found.before.diffusivity)
         assert high >= max(found.interval_95[1], found.before.diffusivity)
+
+
+def test_a_prediction_beyond_the_models_reach_is_left_for_the_neutral_start(explained):
+    found, _ = explained(("solar_gain", "left", {"gain": 0.004}))
+    study, (slot,) = found.study, found.after.active
+    step = np.full(len(study.free((slot,))), np.nan)
+    again = refit(study, (slot,), found.before.theta, found.after.noise, step=step)
+    assert again.cost == pytest.approx(found.after.cost, abs=0.2)
 
 
 def test_what_was_not_logged_is_said_to_be_untestable():

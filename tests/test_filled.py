@@ -10,9 +10,9 @@ from benchmarks.slab import temperatures
 from numpy.testing import assert_allclose
 
 import wallid
-from wallid.free import thinned
+from wallid.filled import filled_gaps
 from wallid.likelihood import face_response
-from wallid.noise import Bins, NoiseModel, filled_gaps
+from wallid.noise import Bins, NoiseModel, thinned
 
 ROWS, PLACES, RATE = (
     interval.ROWS,

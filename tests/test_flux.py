@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from benchmarks.slab import fluxes, temperatures, weather
 from numpy.testing import assert_allclose
-from test_cli import SCHEMA
+from results import SCHEMA
 from typer.testing import CliRunner
 
 import wallid

@@ -16,8 +16,9 @@ from typer.testing import CliRunner
 
 import wallid
 from wallid.cli import app
-from wallid.free import bins_of, noise_within, thinned, told_range
-from wallid.noise import NoiseModel, dct_spectrum, edge_spectrum
+from wallid.free import noise_within, told_range
+from wallid.noise import NoiseModel, bins_of, thinned
+from wallid.whittle import dct_spectrum, edge_spectrum
 
 STATED = {"noise": "stated"}
 

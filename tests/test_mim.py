@@ -1,3 +1,4 @@
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -5,7 +6,8 @@ import pytest
 from systems import faces, fourier, half_minutes, learned_courses, paper_signals, slab, unlearned_course
 
 import wallid
-from wallid.mim import _left_over, _reference, _setting, _start
+from wallid.mim import _start
+from wallid.variable_projection import courses, left_over, setting_of
 
 
 @pytest.fixture(scope="module")
@@ -138,19 +140,38 @@ def test_the_layered_wall_learns_its_straight_line_too():
 def test_the_residuals_derivative_is_exact(wall_large):
     """Golub and Pereyra's formula against central differences of the eliminated misfit."""
     signals = both_faces(2)
-    setting = _setting(wall_large, signals, _reference(wall_large, signals, "propagator"), True, "propagator")
-    start = _start(wall_large, 4, setting)
+    reference = courses(wall_large, signals, "propagator")
+    setting = setting_of(wall_large, signals, reference, True, "propagator", order=4, shape=5)  # one fills the shape
+    start = _start(wall_large, 5, setting)
     rng = np.random.default_rng(1)
     direction = jax.tree.map(lambda leaf: jnp.asarray(rng.normal(size=leaf.shape)), start)
-    _, slope = jax.jvp(lambda modes: _left_over(modes, setting), (start,), (direction,))
+    _, slope = jax.jvp(lambda modes: left_over(modes, setting), (start,), (direction,))
 
     def moved(h):
-        return _left_over(jax.tree.map(lambda a, b: a + h * b, start, direction), setting)
+        return left_over(jax.tree.map(lambda a, b: a + h * b, start, direction), setting)
 
     h = 1e-5
     for have, up, down in zip(slope, moved(h), moved(-h), strict=True):
         want = (up - down) / (2 * h)
         assert np.abs(have - want).max() < 1e-6 * np.abs(want).max()
+
+
+def test_orders_learned_together_are_those_learned_alone_and_compile_once(large, learned, monkeypatch):
+    once = eqx.filter_jit(eqx.debug.assert_max_traces(wallid.mim._search.__wrapped__, max_traces=1))
+    monkeypatch.setattr(wallid.mim, "_search", once)
+    third, fifth = wallid.sweep_orders(large, (3, 5), paper_signals())
+    assert (third.system.order, fifth.system.order) == (3, 5)
+    assert third.eps_inf[0] > fifth.eps_inf[0]
+    alone = learned[5]
+    for part in ("A", "B", "C", "D", "P"):
+        np.testing.assert_allclose(getattr(fifth.system, part), getattr(alone.system, part), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose([*fifth.eps_inf, *fifth.eps_2], [*alone.eps_inf, *alone.eps_2], rtol=1e-6)
+    assert fifth.condition == pytest.approx(alone.condition, rel=1e-6)
+
+
+def test_an_order_that_the_large_model_cannot_give_is_refused_before_any_is_learned(large):
+    with pytest.raises(wallid.InputError, match="order = 74"):
+        next(wallid.sweep_orders(large, (3, 74), paper_signals()))
 
 
 def test_saved_and_loaded_as_one_file(tmp_path, learned):

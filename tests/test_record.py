@@ -241,6 +241,19 @@ def test_commas_between_columns_and_in_numbers(reads):
     refuses(reads(spoil("T1", 5, "20,5")), at(7, "T1"), 'found "20,5"', "decimal point", 'decimal = ","')
 
 
+def test_one_point_among_commas_is_the_one_that_is_named(reads):
+    table = sheet()
+    for name in table.columns[1:]:
+        table[name] = table[name].astype(float) + 0.25
+    lines = table.to_csv(index=False, sep=";", decimal=",").splitlines()
+    lines[7] = lines[7].replace(",", ".")
+    mixed = "\n".join(lines) + "\n"
+    refuses(reads(mixed), "record.csv: line 8, ", "decimal comma", "write all alike", 'decimal = ","')
+    stated, plain = reads(mixed, form=Format(decimal=","))(), reads(table)()
+    np.testing.assert_array_equal(stated.sensors, plain.sensors)
+    np.testing.assert_array_equal(stated.faces, plain.faces)
+
+
 def test_a_row_that_is_too_long(reads):
     text = sheet().to_csv(index=False).replace("2009-01-01T03:00:00", "2009-01-01T03:00:00,1")
     refuses(reads(text), "record.csv: line 5: more cells", "one cell for each column of the header")

@@ -211,7 +211,7 @@ def test_what_cannot_be_told_is_said(found):
     left = np.array([np.nan, 0.99, 0.2])
     close = replace(found.identifiability, names=names, collinearity=index, left=left)
     assert close.confused == [(0, 2)]
-    assert "the diffusivity and the film of the left face cannot be told apart" in str(close)
+    assert "the diffusivity and the film of the left face cannot be told apart by the readings alone" in str(close)
     assert "of the offset of T1 the record tells hardly more than was assumed" in str(close)
 
 

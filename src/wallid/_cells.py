@@ -11,6 +11,7 @@ import numpy as np
 from ._fields import show
 from ._format import Format, celsius
 from ._place import Place
+from ._sheet import POINT
 from .cleaning import Noted, Notes
 
 KELVIN = (200.0, 400.0)  # degC: a median between them was logged in kelvin
@@ -83,18 +84,20 @@ def _parse(place: Place, column: str, cells: Any, empty: np.ndarray, form: Forma
     lower = kinds.str.casefold()
     is_marker = (lower.isin(_MARKERS | words) | lower.str.fullmatch(r"#+")).to_numpy(bool)
     numbers[is_marker | (kinds == "").to_numpy(bool)] = np.nan
-    commas = kinds.str.fullmatch(_COMMA.pattern).to_numpy(bool) & ~is_marker & np.isnan(numbers)
-    if commas.any():
-        row = int(commas[codes].argmax())
-        found = show(str(cells.iloc[row]))
-        if form.decimal is not None or kinds[~commas].str.contains(".", regex=False).any():
-            place.refuse(
-                column,
-                row,
-                f"found {found}; it must be a number with a decimal {'point' if decimal == '.' else 'comma'} as others "
-                'in this file are; write all alike, or state [record] decimal = ","',
-            )
-        numbers[commas] = kinds[commas].str.replace(",", ".", regex=False).astype(float)
+    commas, points = (kinds.str.fullmatch(mark.pattern).to_numpy(bool) & ~is_marker for mark in (_COMMA, POINT))
+    mixed = form.decimal is None and points.any()
+    if commas.any() and (mixed or form.decimal == "."):
+        few_points = mixed and points[codes].sum() < commas[codes].sum()
+        odd, others = (points, "comma") if few_points else (commas, "point")
+        row = int(odd[codes].argmax())
+        place.refuse(
+            column,
+            row,
+            f"found {show(str(cells.iloc[row]))}; it must be a number with a decimal {others} as others in this file "
+            'are; write all alike, or state [record] decimal = ","',
+        )
+    unread = commas & np.isnan(numbers)
+    numbers[unread] = kinds[unread].str.replace(",", ".", regex=False).astype(float)
     is_text = np.isnan(numbers) & ~is_marker
     return numbers[codes], is_marker[codes] & ~empty, is_text[codes] & ~empty
 

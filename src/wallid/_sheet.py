@@ -19,7 +19,7 @@ _HEAD_BYTES = 1 << 18
 _MOST_UNIT_ROWS = 3
 NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
 _COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
-_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?$")
+POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?$")
 _WESTERN = "°µ²³·ºª–’“”äöüÄÖÜßéèêëàâçîïôûùñáíóúåæøÅÆØ€×±¹¼½¾«»\xa0"
 """What a western logger writes beside ASCII; other text in a file that is not UTF-8 could be in any encoding."""
 
@@ -190,9 +190,9 @@ def _count_unit_rows(rows: Sequence[Sequence[str]], places: Sequence[int]) -> in
 
 
 def _find_decimal(rows: Sequence[Sequence[str]], places: Sequence[int]) -> str:
-    """A comma where numbers have commas and none has a point."""
+    """A comma where more numbers have commas than points."""
     cells = [row[place] for row in rows for place in places[1:] if place < len(row)]
-    return "," if any(map(_COMMA.match, cells)) and not any(map(_POINT.match, cells)) else "."
+    return "," if sum(map(bool, map(_COMMA.match, cells))) > sum(map(bool, map(POINT.match, cells))) else "."
 
 
 def _width(rows: Sequence[Sequence[str]], columns: int) -> int:

@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .interval import Settled
 from .likelihood import resample
+from .settled import Settled
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,8 @@ from .estimate import plain_fit
 from .estimated import Estimate
 from .experiment import Window, large_model, window_rows
 from .free import fluxes_of
-from .interval import NORMAL_95, Settled
+from .quantity import NORMAL_95
+from .settled import Settled
 from .statespace import StateSpace
 from .wall import InputError
 

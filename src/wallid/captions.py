@@ -73,7 +73,7 @@ def _flux(run: Run, fit: Estimate) -> str:
     left = fit.residual[:, fit.sensors :]
     return (
         f"Measured and simulated heat flux of {len(told.gains)} plate(s), {np.sqrt(np.nanmean(left**2)):.2g} W/m2 root "
-        f"mean square apart; resistance {told.resistance.value:.3g} m2K/W."
+        f"mean square apart; resistance {told.resistance.value:.3g} m2 K/W."
     )
 
 

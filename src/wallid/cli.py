@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
-from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn
+from typing import Annotated, Any, Literal
 
-import jax
 import typer
-from threadpoolctl import threadpool_limits
 
 from . import workflow
-from ._cold import compile_quickly
-from ._fields import within
-from .case import Case, load
-from .experiment import Window, check_unbroken, window_rows
+from ._command import carry_out, refuse
+from ._options import OUT, CaseArgument, Draws, Formats, Integrator, Json, Model, Orders, Out, Quiet, Weights
 from .record import Format
 from .wall import InputError
 
@@ -28,53 +21,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-
-CaseArgument = Annotated[
-    str, typer.Argument(metavar="CASE", help="A case.toml, a folder that holds one, or a packaged case's name.")
-]
-Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Where report.html, result.json and the figures go.")]
-Json = Annotated[bool, typer.Option("--json", help="Print result.json to standard output, and nothing else there.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="No progress and no summary.")]
-Model = Annotated[
-    Literal["mim", "lom"] | None,
-    typer.Option("--model", help="The reduced or the large model, instead of the case's choice."),
-]
-Integrator = Annotated[
-    Literal["propagator", "diffrax"],
-    typer.Option(
-        "--integrator", help="How every stage steps through the rows: a fast scan, or diffrax; the same numbers."
-    ),
-]
-Weights = Annotated[
-    Literal["noise", "none"],
-    typer.Option("--weights", help="The readings' full covariance, or the paper's plain sum of squares and sigma."),
-]
-Orders = Annotated[
-    str,
-    typer.Option(
-        "--orders", metavar="LIST", help='Also learn these orders for the figure of error against order: "2,5,10".'
-    ),
-]
-Draws = Annotated[
-    int,
-    typer.Option(
-        "--bootstrap",
-        metavar="N",
-        min=0,
-        help="Check the interval by estimating again from N records that the fitted model draws (200 will do).",
-    ),
-]
-From = Annotated[
-    int | None,
-    typer.Option("--from-row", min=0, help="Start the window at this row (the first is 0), not where the design says."),
-]
-Formats = Annotated[
-    str,
-    typer.Option(
-        "--format", metavar="LIST", help='Of the figures\' files: png, svg or pdf; several with commas: "png,svg".'
-    ),
-]
-OUT = Path("wallid-out")
 
 
 @app.callback(invoke_without_command=True)
@@ -111,7 +57,7 @@ def demo(
     """
     stages = (*workflow.STAGES, "diagnose")
     options: dict[str, Any] = {"weights": weights, "integrator": integrator}
-    _go("saint_julien", model, stages, out, json, quiet, formats, orders=orders, **options)
+    carry_out("saint_julien", model, stages, out, json, quiet, formats, orders=orders, **options)
 
 
 @app.command()
@@ -133,7 +79,7 @@ def run(
     `wallid diagnose`.
     """
     options = {"weights": weights, "integrator": integrator, "draws": bootstrap}
-    _go(case, model, workflow.STAGES, out, json, quiet, formats, orders=orders, **options)
+    carry_out(case, model, workflow.STAGES, out, json, quiet, formats, orders=orders, **options)
 
 
 @app.command()
@@ -184,7 +130,7 @@ def new(
         )
         case = new_case(record, answers, to=to, force=force, ask=_ask if sys.stdin.isatty() else None)
     except InputError as error:
-        _refuse(error)
+        refuse(error)
     if not quiet:
         print(case)
         print(f"\nwrote        {case.path}; now `wallid check {case.path}`, then `wallid run {case.path}`")
@@ -198,12 +144,6 @@ def _ask(question: str, default: str | None) -> str:
         raise InputError("stopped; nothing was written") from None
 
 
-def _refuse(error: InputError) -> NoReturn:
-    """One line on standard error, and status 2."""
-    print(f"wallid: {error}", file=sys.stderr)
-    raise typer.Exit(2) from None
-
-
 @app.command()
 def check(
     case: CaseArgument, out: Out = OUT, json: Json = False, quiet: Quiet = False, formats: Formats = "png"
@@ -213,7 +153,7 @@ def check(
     Gaps, missing and masked values, spikes, breaks, the grid that the readings were put on: counted, and
     drawn in the figure of the record. Takes a second or two. Status 1: something would stop a run.
     """
-    _go(case, None, ("check",), out, json, quiet, formats)
+    carry_out(case, None, ("check",), out, json, quiet, formats)
 
 
 @app.command()
@@ -255,7 +195,7 @@ def design(
 ) -> None:
     """Which days of the record tell most, what longer windows would give, and where a further sensor would help."""
     designing = workflow.Designing(criterion, of, robust, full or of != "diffusivity", add)
-    _go(case, None, ("design", "lengths", "places"), out, json, quiet, formats, designing=designing)
+    carry_out(case, None, ("design", "lengths", "places"), out, json, quiet, formats, designing=designing)
 
 
 @app.command()
@@ -264,7 +204,12 @@ def estimate(
     model: Model = None,
     weights: Weights = "noise",
     integrator: Integrator = "propagator",
-    from_row: From = None,
+    from_row: Annotated[
+        int | None,
+        typer.Option(
+            "--from-row", min=0, help="Start the window at this row (the first is 0), not where the design says."
+        ),
+    ] = None,
     free: Annotated[
         list[str] | None,
         typer.Option(
@@ -292,10 +237,10 @@ def estimate(
             "--free": bool(free), "--model mim": model == "mim", "--integrator diffrax": integrator == "diffrax",
         }  # fmt: skip
         if wrong := [name for name, there in given.items() if there]:
-            _refuse(InputError(f"--all-windows goes through every window by the large model; leave {wrong[0]} out"))
-        _go(case, None, ("campaign",), out, json, quiet, formats)
+            refuse(InputError(f"--all-windows goes through every window by the large model; leave {wrong[0]} out"))
+        carry_out(case, None, ("campaign",), out, json, quiet, formats)
         return
-    _go(
+    carry_out(
         case, model, ("design", "learn", "estimate"), out, json, quiet, formats, from_row=from_row, free=free, **options
     )
 
@@ -310,111 +255,7 @@ def diagnose(
     missing with its size, or says that none is, that two cannot be told apart, or that it is none of these.
     Takes about a minute; `[choices] diagnose_days` shortens the record.
     """
-    _go(case, None, ("diagnose",), out, json, quiet, formats)
-
-
-def _go(
-    name: str,
-    model: str | None,
-    stages: tuple[str, ...],
-    out: Path,
-    json: bool,
-    quiet: bool,
-    formats: str,
-    *,
-    from_row: int | None = None,
-    free: list[str] | None = None,
-    orders: str = "",
-    **choices: str | int | workflow.Designing,
-) -> None:
-    """Load, run, write, print; every message to standard error but the summary or the JSON."""
-    from . import report
-
-    try:
-        with _progress(quiet or json) as progress:
-            progress("reading the case", 0.0)
-            wanted = report.parse_formats(formats)
-            case = _load(name, model, out, free)
-            window = None if from_row is None else _window(case, from_row)
-            done = workflow.run(
-                case,
-                stages=stages,
-                window=window,
-                orders=_parse_orders(orders),
-                progress=lambda stage, share: progress(stage, 0.05 + 0.8 * share),
-                **choices,  # pyright: ignore[reportArgumentType] (typer has checked the words)
-            )
-            progress("figures", 0.9)
-            written = report.write(done, out, shlex.join(["wallid", *sys.argv[1:]]), wanted)
-    except InputError as error:
-        _refuse(error)
-    if json:
-        print((out / "result.json").read_text("utf-8"), end="")
-    elif not quiet:
-        print(done)
-        print(f"\nwrote        {', '.join(path.name for path in written)} to {out}")
-        if done.fit is not None and done.explanation is None and case.sensors and not done.unreliable:
-            print(f"next         wallid diagnose {shlex.quote(name)}: does the model miss something?")
-    if done.unreliable:
-        raise typer.Exit(1)
-
-
-def _load(name: str, model: str | None, out: Path, free: list[str] | None = None) -> Case:
-    """The case with the model asked for, and what is to be free; settings of this process, which is ours."""
-    from .report import check_out
-
-    jax.config.update("jax_enable_x64", True)
-    compile_quickly()
-    threadpool_limits(limits=1, user_api="blas")  # see learn_system for why
-    case = load(name)
-    check_out(out)
-    if free:
-        with within("--free"):
-            case = replace(case, choices=replace(case.choices, free=tuple(free)))
-    return case if model is None else replace(case, choices=replace(case.choices, model=model))
-
-
-def _window(case: Case, row: int) -> Window:
-    rows = window_rows(case, case.choices.window_days)
-    if row + rows > case.record.rows:
-        raise InputError(
-            f"--from-row {row}: a window of {rows} rows from there passes the record's end; "
-            f"the last start is {case.record.rows - rows}"
-        )
-    check_unbroken(case, Window(row, rows))
-    return Window(row, rows)
-
-
-def _parse_orders(text: str) -> tuple[int, ...]:
-    try:
-        return tuple(int(part) for part in text.split(",") if part.strip())
-    except ValueError:
-        raise InputError(f'--orders {text!r}: whole numbers with commas are wanted, such as "2,5,10"') from None
-
-
-@contextmanager
-def _progress(silent: bool):
-    """A progress bar on standard error: told (stage, share of the work done)."""
-    if silent:
-
-        def say_nothing(stage: str, share: float) -> None:
-            return
-
-        yield say_nothing
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description:<45}"), BarColumn(), TimeElapsedColumn())
-    console = Console(stderr=True)
-    # a file or a pipe wants messages, not a bar
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=1.0)
-
-        def say(stage: str, share: float) -> None:
-            bar.update(task, description=stage, completed=share)
-
-        yield say
+    carry_out(case, None, ("diagnose",), out, json, quiet, formats)
 
 
 if __name__ == "__main__":

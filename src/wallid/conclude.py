@@ -13,10 +13,11 @@ from .estimated import Estimate
 from .experiment import Experiment, Window, fit_profile, large_model, scales
 from .gauss_newton import Trace
 from .identifiability import identifiability
-from .interval import NORMAL_95, Settled, settle
 from .least_squares import Fit, apart, covariance, simple_sigma
 from .likelihood import HIGHEST, LOWEST
-from .quantity import Quantity, lognormal
+from .quantity import NORMAL_95, Quantity, lognormal
+from .settle import settle
+from .settled import Settled
 from .simulate import Integrator
 from .statespace import StateSpace
 from .structure import film_at, layer_ratios, std_of
@@ -124,7 +125,7 @@ def conclude(told: Told, settled: Settled, others: list[Settled], draws: int) ->
         sensor, is_offset = case.sensors[s], k < len(names.offsets)
         std = sensor.offset_std if is_offset else sensor.position_std
         (offsets if is_offset else positions)[sensor.name] = (float(std * free[k]), float(std * widths[k]))
-    singular = np.linalg.svd(settled.jacobian, compute_uv=False) if _finite(settled) else np.array([np.nan])
+    singular = np.linalg.svd(settled.jacobian, compute_uv=False) if settled.finite else np.array([np.nan])
     bounds = float(settled.problem.lowest), float(settled.problem.highest)
     reason = _why_unreliable(case, value, (ends[0], ends[1]), singular, bool(best.converged), bounds)
     reason = reason or _why_too_coarse(shift, std_log)
@@ -150,7 +151,7 @@ def conclude(told: Told, settled: Settled, others: list[Settled], draws: int) ->
         covariance=covariance,
         singular_values=singular,
         model_shift=shift,
-        identifiability=identifiability(case, settled) if _finite(settled) and names.count else None,
+        identifiability=identifiability(case, settled) if settled.finite and names.count else None,
         structure=_structure(case, settled),
         bootstrap=bootstrap(settled, draws, case.choices.seed) if draws and not reason else None,
     )
@@ -159,7 +160,7 @@ def conclude(told: Told, settled: Settled, others: list[Settled], draws: int) ->
 def _structure(case: Case, settled: Settled) -> dict[str, Quantity]:
     """The wall's own parameters that were free: each layer's diffusivity, and films."""
     names, found = settled.names.structure, {}
-    if not names or not _finite(settled):
+    if not names or not settled.finite:
         return {}
     places = slice(1 + settled.names.of_structure.start, 1 + settled.names.of_structure.stop)
     z, spread = np.asarray(settled.minimum.parameters)[places], settled.covariance
@@ -185,10 +186,6 @@ def _noise_words(settled: Settled) -> str:
     if settled.robust is not None:
         return f"weighted as stated, the interval by {settled.robust}"
     return str(settled.noise) if settled.estimated else "noise as stated"
-
-
-def _finite(settled: Settled) -> bool:
-    return bool(np.all(np.isfinite(settled.jacobian)))
 
 
 def simple(told: Told) -> Estimate:

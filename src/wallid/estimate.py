@@ -31,7 +31,6 @@ from .experiment import (
     whole,
 )
 from .free import fluxes_of, whole_model, with_flux
-from .interval import NORMAL_95
 from .learning import learn
 from .least_squares import fit_experiment, paper_sigma
 from .likelihood import HIGHEST, LOWEST
@@ -45,7 +44,6 @@ from .wall import InputError
 __all__ = [
     "HIGHEST",
     "LOWEST",
-    "NORMAL_95",
     "Estimate",
     "estimate",
     "fit_experiment",

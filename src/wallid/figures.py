@@ -73,8 +73,18 @@ def save(
     if isinstance(to, Path):
         kind, salt = kind or to.suffix[1:], salt or to.stem
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
-    with plot.style(), mpl.rc_context({"svg.hashsalt": salt, "svg.fonttype": "path"}):
+    own = {"svg.hashsalt": salt, "svg.fonttype": "path", "figure.constrained_layout.use": False}
+    with plot.style(), mpl.rc_context(own):  # pyright: ignore[reportArgumentType]
+        _lay_out(made)
         made.savefig(to, format=kind, transparent=transparent, metadata=undated)
+
+
+def _lay_out(made: Figure) -> None:
+    """Put the Axes in their places, once: each file would do so twice more."""
+    engine = made.get_layout_engine()
+    if engine is not None:
+        engine.execute(made)
+        made.set_layout_engine(None)  # to what the style in force says, which is none
 
 
 def figures(run: Run) -> Iterator[tuple[str, Figure]]:

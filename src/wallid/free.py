@@ -24,7 +24,6 @@ from .case import Case
 from .experiment import Experiment, Window, fit_profile, large_model, scales
 from .likelihood import HIGHEST, LOWEST, Free
 from .lom import Output
-from .noise import MOST_READINGS, Bins
 from .sensitivity import explicit, run
 from .statespace import StateSpace
 from .structure import structure_of, system_at
@@ -281,30 +280,3 @@ def _along(case: Case, data: Experiment, diffusivity: float, structure: np.ndarr
         values[place] += step
         ends.append(np.asarray(run(whole_model(case, values), fourier, data)[0]))
     return float(data.temperature) * (ends[1] - ends[0]) / (2 * _DIFFERENCE)
-
-
-def bins_of(present: np.ndarray, observed: np.ndarray) -> tuple[Bins, int]:
-    """Readings in bins, as many as a dense covariance holds; and how many rows the readings are apart."""
-    rows = np.flatnonzero(present.any(axis=1))
-    apart = math.gcd(*np.diff(rows).tolist()) if len(rows) > 1 else 1
-    enough = math.ceil(present.size / apart / MOST_READINGS)
-    return Bins(jnp.asarray(observed), jnp.asarray(present, dtype=float), apart * max(1, enough)), apart
-
-
-def thinned(response: np.ndarray, bins: Bins, apart: int) -> tuple[np.ndarray, Bins]:
-    """A face's response and the readings' bins on the rows that have readings, where these are `apart` rows apart.
-
-    The faces' noise of all rows in between comes through: as much as that of their mean.
-    """
-    if apart == 1:
-        return response, bins
-    short = ((0, 0), (0, -response.shape[1] % apart), (0, 0))
-
-    def together(values: np.ndarray) -> np.ndarray:
-        padded = np.pad(values, short)
-        return padded.reshape(len(values), -1, apart, values.shape[-1]).sum(axis=2)
-
-    observed, present = together(np.stack([np.asarray(bins.observed), np.asarray(bins.present)]))
-    return together(response) / math.sqrt(apart), Bins(
-        jnp.asarray(observed), jnp.asarray(present), bins.rows // apart
-    )  # fmt: skip

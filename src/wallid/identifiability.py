@@ -20,7 +20,7 @@ from itertools import combinations
 import numpy as np
 
 from .case import Case
-from .interval import Settled
+from .settled import Settled
 
 COLLINEAR = 10.0
 _LARGEST_SUBSET = 3
@@ -63,7 +63,8 @@ class Identifiability:
 
     def __str__(self) -> str:
         told = [
-            f"{self._list(subset)} cannot be told apart (collinearity index {_index(self.collinearity[subset])})"
+            f"{self._list(subset)} cannot be told apart by the readings alone "
+            f"(collinearity index {_index(self.collinearity[subset])})"
             for subset in self.confused
         ]
         nothing = [name for name, left in zip(self.names, self.left, strict=True) if left > _NOT_TOLD]

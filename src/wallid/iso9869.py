@@ -63,7 +63,9 @@ class Average:
         unmet = [name for name, met in rules.items() if not met]
         state = "all rules met" if not unmet else f"not met: {', '.join(unmet)}"
         stored = "" if self.corrected is None else f", {self.corrected:.3f} without the heat stored"
-        return f"ISO 9869-1   {self.face} plate: R = {self.resistance:.3f} m2K/W{stored}; {self.days:.2f} days, {state}"
+        return (
+            f"ISO 9869-1   {self.face} plate: R = {self.resistance:.3f} m2 K/W{stored}; {self.days:.2f} days, {state}"
+        )
 
 
 def average_method(

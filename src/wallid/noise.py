@@ -3,38 +3,25 @@
     R = S C S' + sum_f s_f^2 G_f C G_f' + sum_g E_g E_g',      C = v_w I + v_a AR(rho)
 
 `S` holds the stated standard deviations of the inner sensors, `s_f` that of a face, and `G_f` the readings'
-response to a face reading. `E_g` is what the interpolation of a face over the gap g makes of them: one error, which
-goes along the whole gap. White noise and noise that remembers (a first-order autoregression) have sizes that are
-estimated, relative to what was stated, together with `rho`. Errors of position and offsets are no noise: they
-are parameters with priors.
+response to a face reading. `E_g` is what the interpolation of a face over the gap g makes of them (`filled`). White
+noise and noise that remembers (a first-order autoregression) have sizes relative to what was stated, which are
+estimated together with `rho` (`whittle`). Errors of position and offsets are no noise: they are parameters with priors.
 
-The sizes must neither eat what a parameter explains nor be inflated by it: they maximise Whittle's likelihood of
-the residual's cosine transform with every direction that a parameter (or an effect that is looked for) could move the
-readings in taken out: a restricted likelihood, each frequency weighted by the share that they leave.
-
-Source: P. Whittle, Ark. Mat. 2 (1953), 423; D. A. Harville, J. Am. Stat. Assoc. 72 (1977), 320.
+`R` is dense: readings beyond `MOST_READINGS` are put together in bins.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+import math
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.fft import dct
 from scipy.linalg import solve_triangular, toeplitz
 from scipy.special import ndtr, stdtr
-
-_LEAST_SHARE = 0.3  # a frequency of which the directions taken out leave less says nothing about noise
-_RANK = 1e-4  # of the directions taken out, relative to the largest after whitening
-_SPREAD = 1.0  # of ln(total variance / stated): how far the stated noise may be off
-_MOST_GAPS = 300  # each is a direction in a dense covariance
-_LONGEST = 0.98  # autocorrelation from row to row
-_SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-_CORRELATIONS = (0.3, 0.5, 0.6, 0.7, 0.76, 0.82, 0.86, 0.89, 0.92, 0.95, 0.97)
 
 MOST_READINGS = 1500
 """Rows are put together in bins until there are no more readings than this: their covariance is dense."""
@@ -66,6 +53,33 @@ class Bins(eqx.Module):
         short = -values.shape[0] % self.rows
         padded = jnp.pad(values, ((0, short), (0, 0)))
         return padded.reshape(-1, self.rows, values.shape[1]).sum(axis=1)
+
+
+def bins_of(present: np.ndarray, observed: np.ndarray) -> tuple[Bins, int]:
+    """Readings in bins, as many as a dense covariance holds; and how many rows the readings are apart."""
+    rows = np.flatnonzero(present.any(axis=1))
+    apart = math.gcd(*np.diff(rows).tolist()) if len(rows) > 1 else 1
+    enough = math.ceil(present.size / apart / MOST_READINGS)
+    return Bins(jnp.asarray(observed), jnp.asarray(present, dtype=float), apart * max(1, enough)), apart
+
+
+def thinned(response: np.ndarray, bins: Bins, apart: int) -> tuple[np.ndarray, Bins]:
+    """A face's response and the readings' bins on the rows that have readings, where these are `apart` rows apart.
+
+    The faces' noise of all rows in between comes through: as much as that of their mean.
+    """
+    if apart == 1:
+        return response, bins
+    short = ((0, 0), (0, -response.shape[1] % apart), (0, 0))
+
+    def together(values: np.ndarray) -> np.ndarray:
+        padded = np.pad(values, short)
+        return padded.reshape(len(values), -1, apart, values.shape[-1]).sum(axis=2)
+
+    observed, present = together(np.stack([np.asarray(bins.observed), np.asarray(bins.present)]))
+    return together(response) / math.sqrt(apart), Bins(
+        jnp.asarray(observed), jnp.asarray(present), bins.rows // apart
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +147,6 @@ class NoiseModel:
         bins: the readings.
         sensor_std: of each sensor's readings, as stated, K. face_std: of the faces', K.
         gaps: what one standard deviation of each gap's interpolation makes of the binned readings, K, `(gap, reading)`.
-        edges: whether the likelihood of noise that remembers counts that a record has two ends, which take some
-            of its slow power. The search for effects does not: its bars were set without.
     """
 
     def __init__(
@@ -143,25 +155,20 @@ class NoiseModel:
         bins: Bins,
         sensor_std: np.ndarray,
         face_std: float,
-        *,
         gaps: np.ndarray | None = None,
-        edges: bool = True,
     ):
         rows, sensors = response.shape[1:]
         self.response, self.bins, self.sensors = response, bins, sensors
         self.present, self.counts = np.asarray(bins.present), np.asarray(bins.counts())
         self.rows_per_bin = bins.rows
         self.count = -(-rows // bins.rows)
-        self.sensor_std, self.face_std, self.edges = sensor_std, face_std, edges
+        self.sensor_std, self.face_std = sensor_std, face_std
         self.gaps = np.zeros((0, sensors * self.count)) if gaps is None else gaps
         padded = np.pad(self.response, ((0, 0), (0, self.count * bins.rows - rows), (0, 0)))
         # of a bin's mean to a change of a face over a whole bin
         held = np.cumsum(padded, axis=1)
         ends = held.reshape(2, self.count, bins.rows, sensors).mean(axis=2)
         self.binned = np.diff(ends, axis=1, prepend=0.0)  # (face, bin, sensor)
-        spectrum = np.fft.rfft(self.binned, 2 * self.count, axis=1)[:, : self.count]
-        self.gain = (np.abs(spectrum) ** 2).sum(axis=0)  # (frequency, sensor)
-        self._spectra: dict[float, np.ndarray] = {}
 
     def autocovariance(self, rho: float) -> np.ndarray:
         """Of bins' means of a first-order autoregression with variance 1, by lag."""
@@ -170,16 +177,6 @@ class NoiseModel:
         within = (rho ** np.abs(i[:, None] - i)).mean()
         between = np.outer(rho ** (m - 1 - i), rho**i).mean() * rho  # lag 1: rho^(m + i - j)
         return np.where(lags == 0, within, between * rho ** (m * (lags - 1.0).clip(0)))
-
-    def density(self, white: float, lasting: float, rho: float) -> np.ndarray:
-        """Variance of each cosine coefficient, `(frequency, sensor)`."""
-        if rho not in self._spectra:
-            cov = self.autocovariance(rho)
-            omega = np.pi * np.arange(self.count) / self.count
-            ends = edge_spectrum(cov, omega) if self.edges else 0.0
-            self._spectra[rho] = np.maximum(2 * dct_spectrum(cov, omega) - cov[0] - ends, 1e-12)
-        flat = white / self.rows_per_bin + lasting * self._spectra[rho]
-        return flat[:, None] * (self.sensor_std**2 + self.face_std**2 * self.gain)
 
     def noise(self, white: float, lasting: float, rho: float) -> Noise:
         """The covariance at these sizes."""
@@ -205,6 +202,10 @@ class NoiseModel:
         whiten = solve_triangular(lower, np.eye(len(R)), lower=True)
         return Noise(white, lasting, rho, whiten, R, self._floor(white, lasting, rho))
 
+    def stated(self) -> Noise:
+        """The covariance with all noise as stated, none of which remembers."""
+        return self.noise(1.0, 0.0, 0.8)
+
     def _floor(self, white: float, lasting: float, rho: float) -> float:
         """Root mean square of the noise at the rows, the faces' part included."""
         h = self.response  # (face, row, sensor)
@@ -226,160 +227,5 @@ class NoiseModel:
         return self.gaps[np.argsort(-size)[:most]]
 
 
-def _runs(there: np.ndarray) -> list[tuple[int, int]]:
-    """First row and the row after the last of each run."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], there.astype(int), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def filled_gaps(
-    fill_std: np.ndarray | None, face_std: float, response: np.ndarray, bins: Bins
-) -> Float[np.ndarray, "gap reading"]:
-    """What each gap's interpolation makes of the binned readings, one standard deviation of it, K.
-
-    Of very many gaps only the largest.
-
-    Arguments:
-        fill_std: of the interpolated faces in each row, K, 0 where a face was read; None for none.
-        face_std: of a face reading, K, which the covariance holds in every row already.
-        response: of the readings at the rows to 1 K more at one row of one face, `(face, row, sensor)`.
-    """
-    present = np.asarray(bins.present)
-    rows, sensors = present.shape
-    found = []
-    excess = np.zeros((rows, 2)) if fill_std is None else np.sqrt(np.maximum(fill_std**2 - face_std**2, 0.0))
-    excess[~np.isfinite(excess)] = 0.0
-    short = ((0, -rows % bins.rows), (0, 0))
-
-    def total(values: np.ndarray) -> np.ndarray:
-        return np.pad(values, short).reshape(-1, bins.rows, sensors).sum(axis=1)
-
-    count = np.maximum(total(present), 1.0)
-    gaps = [(side, first, end) for side in (0, 1) for first, end in _runs(excess[:, side] > 0)]
-    gaps.sort(key=lambda gap: -float(excess[gap[1] : gap[2], gap[0]].sum()))
-    for side, first, end in sorted(gaps[:_MOST_GAPS]):
-        answer = np.zeros((rows, sensors))
-        for row in range(first, end):
-            answer[row:] += excess[row, side] * response[side, : rows - row]
-        found.append((total(answer * present) / count).T.reshape(-1))
-    return np.stack(found) if found else np.zeros((0, count.size))
-
-
-def dct_spectrum(cov: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """`sum_k cov_k cos(k omega)` at the frequencies of a cosine transform."""
-    count = len(cov)
-    extended = np.concatenate([cov, np.zeros(count)])
-    return np.fft.fft(extended).real[: len(omega)]
-
-
-def edge_spectrum(cov: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """What a record's two ends take from the variance of each cosine coefficient.
-
-    With `n` readings the coefficient at `a = pi k / n` has the variance
-    `c_0 + 2 sum_l c_l ((1 - l/n) cos(a l) - sin(a l) / (n sin a))`, without the last term at k = 0.
-    """
-    count = len(cov)
-    lag = np.arange(count)
-    spectrum = np.fft.fft(np.concatenate([cov * lag, np.zeros(count)]))[: len(omega)].real
-    sines = -np.fft.fft(np.concatenate([cov, np.zeros(count)]))[: len(omega)].imag
-    return 2.0 / count * (spectrum + np.divide(sines, np.sin(omega), out=np.zeros(len(omega)), where=omega > 0))
-
-
 def _lower_toeplitz(column: np.ndarray) -> np.ndarray:
     return toeplitz(column, np.zeros_like(column))
-
-
-def estimate_noise(
-    model: NoiseModel, residual: np.ndarray, directions: np.ndarray, along: np.ndarray | None = None
-) -> Noise:
-    """The noise that a residual shows beside these directions.
-
-    Arguments:
-        residual: of the binned readings, K, 0 where missing.
-        directions: what an effect or a free parameter would add, `(direction, reading)`.
-        along: a parameter's direction with the others taken out, `(reading,)`, for the ratios of its standard
-            error; None for none.
-    """
-    if len(model.gaps):
-        directions = np.concatenate([directions, model.largest_gaps])
-    from scipy.optimize import minimize
-
-    likelihood = _Whittle(model, residual, directions)
-    grid = [(lasting, rho) for lasting in _SHARES for rho in _CORRELATIONS]
-    lasting, rho, sizes, costs, totals = 0.0, 0.8, (1.0, 0.0, 0.8), np.zeros(len(grid)), np.zeros(len(grid))
-    for _ in range(2):
-        likelihood.take_out(sizes)
-        costs, totals = np.array([likelihood.cost(*point) for point in grid]).T
-        found = minimize(
-            lambda y: likelihood.cost(*y)[0],
-            np.array(grid[int(np.argmin(costs))]),
-            method="Nelder-Mead",
-            options={"xatol": 1e-3, "fatol": 1e-2, "maxfev": 120},
-        )
-        lasting, rho = (float(y) for y in found.x)
-        total = float(np.exp(likelihood.cost(lasting, rho)[1]))
-        sizes = (total * (1 - lasting), total * lasting, rho)
-    # how well the record tells the power of slow noise, in which effects are looked for
-    chance = np.exp(-0.5 * (costs - costs.min()))
-    chance /= chance.sum()
-    slow = np.array([_slow(*point, total) for point, total in zip(grid, totals, strict=True)])
-    spread = float(np.sqrt(chance @ (slow - chance @ slow) ** 2 + 2.0 / likelihood.weight.sum()))
-    noise = replace(model.noise(*sizes), spread=spread, freedom=float(likelihood.weight.sum()))
-    if along is None:
-        return noise
-    variance = np.array([likelihood.log_variance(along, *point) for point in grid]) + totals
-    found = likelihood.log_variance(along, lasting, rho) + np.log(sum(sizes[:2]))
-    return replace(noise, chance=chance, ratio=np.exp(0.5 * (variance - found)))
-
-
-def _slow(lasting: float, rho: float, log_total: float) -> float:
-    """The logarithm of the noise's power at frequencies well under one a row."""
-    return float(log_total + np.log(1.0 - lasting + lasting * (1.0 + rho) / (1.0 - rho)))
-
-
-class _Whittle:
-    """Whittle's likelihood of a residual beside some directions."""
-
-    def __init__(self, model: NoiseModel, residual: np.ndarray, directions: np.ndarray):
-        self.model = model
-        present = model.counts.T > 0  # (sensor, bin)
-        self.share = present.mean(axis=1).clip(0.05)  # a sensor often missing shows less noise at each frequency
-        self.residual = self._transform(residual)
-        X = self._transform(directions)
-        self.directions = X / np.maximum(np.linalg.norm(X, axis=1, keepdims=True), 1e-300)
-
-    def _transform(self, values: np.ndarray) -> np.ndarray:
-        """Cosine coefficients, sensor by sensor."""
-        shaped = values.reshape(*values.shape[:-1], self.model.sensors, self.model.count)
-        return np.asarray(dct(shaped, type=2, norm="ortho", axis=-1)).reshape(*values.shape[:-1], -1)
-
-    def _density(self, white: float, lasting: float, rho: float) -> np.ndarray:
-        return (self.model.density(white, lasting, rho) * self.share).T.reshape(-1)
-
-    def log_variance(self, along: np.ndarray, lasting: float, rho: float) -> float:
-        """The logarithm of the variance of a parameter's estimate under noise of this shape, for a total of 1."""
-        power = self._transform(along) ** 2
-        return -float(np.log(np.sum(power / self._density(1.0 - lasting, lasting, rho))))
-
-    def take_out(self, sizes: tuple[float, float, float]) -> None:
-        """Take the directions out, by least squares under noise of these sizes."""
-        density = self._density(*sizes)
-        u, size, _ = np.linalg.svd((self.directions / np.sqrt(density)).T, full_matrices=False)
-        basis = u[:, size > _RANK * size[0]]
-        white = self.residual / np.sqrt(density)
-        left = white - basis @ (basis.T @ white)
-        remaining = 1.0 - (basis**2).sum(axis=1)
-        self.use = remaining > _LEAST_SHARE
-        self.weight = remaining[self.use]
-        self.power = left[self.use] ** 2 * density[self.use] / self.weight
-
-    def cost(self, lasting: float, rho: float) -> tuple[float, float]:
-        """`-2 log L` at the best total variance, and that variance's logarithm."""
-        if not (0.0 <= lasting <= 1.0 and 0.0 <= rho <= _LONGEST):
-            return 1e12, 0.0
-        shape = self._density(1.0 - lasting, lasting, rho)[self.use]
-        count = self.weight.sum()
-        total = np.log(self.weight @ (self.power / shape) / count)
-        total *= 1.0 - 1.0 / (1.0 + 0.5 * count * _SPREAD**2)
-        least = self.weight @ (np.log(shape) + total + self.power / shape * np.exp(-total))
-        return float(least + (total / _SPREAD) ** 2), float(total)

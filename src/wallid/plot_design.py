@@ -1,4 +1,4 @@
-"""Figures of a design: where a further sensor helps, and what other sampling steps would give."""
+"""Figures of a design: which days tell most, how many of them, where a further sensor helps, how often to read."""
 
 from __future__ import annotations
 
@@ -7,8 +7,40 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from ._style import BLUE, GREY, ORANGE, RED, SENSORS
+from .design import Design
+from .lengths import Lengths
 from .places import Places
 from .sampling import Sampling
+
+
+def criterion(ax: Axes, design: Design) -> None:
+    """The criterion over start days, for each diffusivity, the best window marked."""
+    for alpha, values, tint in zip(design.diffusivities, design.criterion, SENSORS, strict=False):
+        ax.plot(design.start_days, values, ".-", color=tint, ms=4, label=rf"$\alpha$ = {alpha:.2g} m²/s")
+    if design.robust != "no":
+        ax.plot(design.start_days, design.merit, "-", lw=2.0, color=GREY, label=f"{design.robust}")
+    best = design.best.row * design.step / 86400.0
+    ax.plot([best], [1.0], "o", ms=9, mfc="none", color=RED, label=f"best, from day {best:g}")
+    length = design.rows * design.step / 86400.0
+    ax.set(
+        xlabel=f"start of the window of {length:.3g} days (days)",
+        ylabel=r"$\Psi / \Psi_{max}$",
+        ylim=(0, 1.3),
+        title=f"Which days tell most ({design.kind}-criterion)",
+    )
+    ax.legend(ncols=2 if len(ax.lines) < 4 else 4, loc="upper right")
+
+
+def compromise(ax: Axes, lengths: Lengths) -> None:
+    """The criterion against the window's length, with the estimate's cost beside it."""
+    (left,) = ax.plot(lengths.days, lengths.criterion, "o-", color=BLUE, label="criterion")
+    ax.set(xlabel="length of the window (days)", ylabel=r"$\Psi / \Psi_{longest}$", ylim=(0, 1.08))
+    ax.set_title("What a longer window gives and costs")
+    cost = ax.twinx()
+    (right,) = cost.plot(lengths.days, 1e3 * lengths.seconds, "s--", color=ORANGE, label="one estimate")
+    cost.set(ylabel="time of one estimate (ms)", ylim=(0, None))
+    cost.grid(False)
+    ax.legend(handles=[left, right], loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)  # beside the title
 
 
 def sensor_places(ax: Axes, found: Places) -> None:

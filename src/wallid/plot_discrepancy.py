@@ -12,8 +12,8 @@ from ._style import BLUE, DAYS, GREEN, GREY, ORANGE, RED, SKY
 from .discrepancy import Explanation, Named
 from .discrepancy.extend import Fit
 from .discrepancy.study import Slot
-from .estimate import NORMAL_95
 from .plot_remainder import days_of, names_of, short
+from .quantity import NORMAL_95
 
 _DAY = 86400.0
 _WEEK = 7 * _DAY

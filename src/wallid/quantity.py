@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
+
+NORMAL_95 = 1.959963984540054
+"""The normal distribution's 97.5 % quantile: half the width of a 95 % interval, in standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -18,6 +22,10 @@ class Quantity:
     std: float
     interval_95: tuple[float, float]
     unit: str
+
+    def result(self) -> dict[str, Any]:
+        """As result.json has it."""
+        return {"value": self.value, "std": self.std, "interval_95": list(self.interval_95), "unit": self.unit}
 
     def __str__(self) -> str:
         low, high = self.interval_95

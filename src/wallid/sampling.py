@@ -7,16 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri
 
 from ._columns import FEWEST_ROWS
 from .case import Case
 from .courses import Model
 from .experiment import HasBest, Window, as_window, check_unbroken, whole
 from .information import Looking, fisher, rows_per_bin, std_of, whitened
+from .quantity import NORMAL_95
 from .wall import InputError
-
-_NORMAL_95 = float(ndtri(0.975))
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +41,7 @@ class Sampling:
     @property
     def spans(self) -> np.ndarray:
         """The 95 % interval's upper end over its lower, 1."""
-        return np.exp(np.minimum(2 * _NORMAL_95 * self.std, 700.0))
+        return np.exp(np.minimum(2 * NORMAL_95 * self.std, 700.0))
 
     def __str__(self) -> str:
         if not np.isfinite(self.std).any():
@@ -53,7 +51,7 @@ class Sampling:
         ]
         for step, rows, std, shift in zip(self.steps, self.rows, self.std, self.shift, strict=True):
             mark = "  <- the record's" if abs(step - self.own) < 1e-6 * step else ""
-            half = math.expm1(min(_NORMAL_95 * std, 700.0))
+            half = math.expm1(min(NORMAL_95 * std, 700.0))
             lines.append(
                 f"  every {step:7.6g} s ({rows:6d} rows)   95 % interval: up to {half:+8.1%}   "
                 f"faces straight between rows: {shift:+.1%}{mark}"

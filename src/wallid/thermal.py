@@ -19,10 +19,11 @@ from jaxtyping import Array, Float
 from .case import Case
 from .experiment import Window, experiment
 from .free import flux_gain_std, fluxes_of
-from .interval import NORMAL_95, Settled, settle
 from .iso9869 import Average, average_method
 from .likelihood import Free, Problem
-from .quantity import Quantity, lognormal
+from .quantity import NORMAL_95, Quantity, lognormal
+from .settle import settle
+from .settled import Settled
 
 R_SURFACES = 0.13 + 0.04  # m2 K/W, inside and outside (ISO 6946)
 _FEWEST_HALF = 50  # rows of a half that is to predict the other
@@ -103,7 +104,7 @@ def thermal(case: Case, window: Window, settled: Settled) -> Thermal:
     def of(value: float, variance: float, unit: str) -> Quantity:
         return lognormal(value, variance, settled.quantile, unit)
 
-    resistance = of(length / k, log_k, "m2K/W")
+    resistance = of(length / k, log_k, "m2 K/W")
     low, high = (1.0 / (R + R_SURFACES) for R in resistance.interval_95[::-1])
     U = 1.0 / (resistance.value + R_SURFACES)
     capacity = of(length * k / alpha, log_c, "J/m2/K")

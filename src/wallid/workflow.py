@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
+from threading import Thread
 from typing import Any, Literal
 
 from ._columns import FEWEST_ROWS
@@ -14,7 +15,7 @@ from .campaign import Pooled, campaign
 from .case import Case
 from .check import Check, check
 from .design import Design, design
-from .discrepancy import Explanation, explain
+from .discrepancy import Explanation, compile_together, explain, study
 from .estimate import Estimate, check_draws, estimate, seconds_of_estimate
 from .experiment import Window, large_model, whole
 from .information import Criterion, Of, Robust
@@ -150,6 +151,8 @@ def run(
     _check_orders(case, orders)
     check_draws(draws, weights)
     begin = _Shares(stages, len(orders), progress)
+    if "diagnose" in stages and len(stages) > 1:
+        _compile_beside(case)
     if "check" in stages:
         begin("check", "check: what the record holds")
         with done.timed("check"):
@@ -168,6 +171,19 @@ def run(
             done.explanation = explain(case, progress=begin.within)
     progress("done", 1.0)
     return done
+
+
+def _compile_beside(case: Case) -> None:
+    """Begin to compile the diagnosis on a thread of its own, so that it is ready when the stages before it are.
+
+    What is wrong with the case for a diagnosis is said when its turn comes.
+    """
+
+    def prepare() -> None:
+        with suppress(InputError):
+            compile_together(study(case))
+
+    Thread(target=prepare, name="compile the diagnosis").start()
 
 
 class _Shares:

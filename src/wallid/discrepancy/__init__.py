@@ -2,5 +2,6 @@
 
 from .explain import explain
 from .explanation import Explanation, Named, Row, Trial
+from .study import compile_together, study
 
-__all__ = ["Explanation", "Named", "Row", "Trial", "explain"]
+__all__ = ["Explanation", "Named", "Row", "Trial", "compile_together", "explain", "study"]

@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from ..case import Case
+from .acceptance import refusal, weighed
 from .compare import compare, cost_outside, windows
 from .explanation import CHANCE as FIRST
 from .explanation import FURTHER, Explanation, Named, Trial
-from .extend import Fit, price, refit
+from .extend import Fit, refit
 from .locate import locate, omnibus_directions
 from .noise import Noise, NoiseModel, estimate_noise
 from .rank import Outlook, Screen, look, screen
@@ -23,7 +24,6 @@ _MOST_EFFECTS = 2  # where a third is wanted, what is missing is likelier none o
 _SINGLES, _PAIRS, _RIVALS = 5, 3, 8
 _NEAR = 0.35  # how far a rival's expected gain may fall short, relative, to be worth a refit
 _CLOSE = 0.2  # the same for an effect in the place of one that has been fitted
-_TOLD = 2.0  # standard deviations from none that a size must be, with its places and hours free
 _ROUNDS = 4
 
 Progress = Callable[[str, float], None]
@@ -144,6 +144,8 @@ class _Search:
             if slot not in base.active:
                 step[slot.first] += moved.get(error, 0.0)
         made = refit(study, active, theta, base.noise, step=np.array(list(step.values())))
+        if not made.cost < base.cost:  # the prediction went astray: without it the base itself is where it begins
+            made = min(made, refit(study, active, theta, base.noise), key=lambda fit: fit.cost)
         self.trials.append(Trial(base, made, float(_joint_gain(screened, chosen))))
         return made
 
@@ -180,11 +182,11 @@ class _Search:
 
         def penalised(fit: Fit) -> float:
             added = [slot for slot in fit.active if slot not in base.active]
-            return _weighed(fit) + threshold.get(len(added), 0.0)
+            return weighed(fit) + threshold.get(len(added), 0.0)
 
         ordered = sorted((fit for fit in made if self._acceptable(fit)), key=penalised)
         for fit in ordered:
-            if penalised(fit) >= _weighed(base):
+            if penalised(fit) >= weighed(base):
                 break
             fewer = [base, *(other for other in ordered if len(other.active) < len(fit.active))]
             if cost_outside(fit) < min(cost_outside(other) for other in fewer[:2]):
@@ -231,7 +233,7 @@ class _Search:
             return fit
         for slot in fit.active:
             less = self.without(fit, slot)
-            if _weighed(less) - _weighed(fit) < self.screen(less).threshold(FURTHER) and self._acceptable(less):
+            if weighed(less) - weighed(fit) < self.screen(less).threshold(FURTHER) and self._acceptable(less):
                 return less
         return fit
 
@@ -251,7 +253,7 @@ class _Search:
             for k in likely[:_RIVALS]:
                 made = self.add(ranked, (k,))
                 self.rivals.append(made)
-                if _weighed(made) < _weighed(best) and self._acceptable(made):
+                if weighed(made) < weighed(best) and self._acceptable(made):
                     best = made
         return best
 
@@ -275,7 +277,7 @@ class _Search:
             rivals = [
                 other
                 for other in self.rivals
-                if _weighed(other) - _weighed(fit) < RIVAL and set(rest) < set(other.active) and not refusal(other)
+                if weighed(other) - weighed(fit) < RIVAL and set(rest) < set(other.active) and not refusal(other)
             ]
             found.append(
                 Named(
@@ -292,36 +294,6 @@ class _Search:
                 )
             )
         return tuple(sorted(found, key=lambda named: -named.gain))
-
-
-def _weighed(fit: Fit) -> float:
-    """Its `-2 log L` with what its effects chose paid for."""
-    return fit.cost + price(fit, fit.active)
-
-
-def refusal(fit: Fit) -> str:
-    """Why a fit is not acceptable; empty where it is."""
-    study = fit.study
-    if fit.at_bound:
-        return f"{study.label(fit.at_bound[0].effect)} at the bound of its search"
-    if not np.isfinite(fit.cost):
-        return "no finite fit"
-    for slot in fit.active:
-        size = slot.effect.parameters[0]
-        if abs(fit.theta[slot.first]) < _TOLD * fit.std(slot.first):
-            return f"{study.label(slot.effect)} of a size that this record cannot tell from none"
-        if size.worth is not None and abs(fit.theta[slot.first]) < size.worth and _pull(fit, slot) < 0.5:
-            return f"{study.label(slot.effect)} smaller than {size.worth:g} {size.unit}, and moves nothing"
-    return ""
-
-
-def _pull(fit: Fit, slot: Slot) -> float:
-    """How far an effect moves ln(diffusivity), in its standard deviations without the effect, to first order."""
-    place = fit.free.index(slot.first)
-    covariance = fit.covariance
-    shift = abs(covariance[0, place] / covariance[place, place] * fit.theta[slot.first])
-    alone = max(covariance[0, 0] - covariance[0, place] ** 2 / covariance[place, place], 1e-300)
-    return float(shift / np.sqrt(alone))
 
 
 def _joint_gain(screened: Screen, chosen: tuple[int, ...]) -> float:

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ..record import Record
 from .compare import Gap, Windows
 from .extend import Fit
 from .locate import Remainder
 from .rank import Screen
+from .result import result
 from .study import Slot, Study
 from .words import sentence, summary
 
@@ -23,6 +23,7 @@ FURTHER = 0.01
 CHANCE = 0.03
 """Over the whole library: above it, a gain is no more than chance makes."""
 _ALIKE = 0.95  # cosine from which two effects look alike
+_FORETOLD = 2.0  # times the noise's variance, that a model may leave on days held out
 _CLEAR = 9.0  # of -2 log L: the size that would have been told apart from none
 
 
@@ -151,7 +152,18 @@ class Explanation:
             if named.windows.p_value < LEFT_OVER:
                 label, p = self.study.label(named.slot.effect), named.windows.p_value
                 return f"the best name, {label}, would have another size at another time (p = {p:.1g})"
+        if self._foretold_badly:
+            after, floor = self.gap.held_out_after, self.gap.floor
+            return f"{self._added}days held out are still missed by {after:.3g} K, where noise leaves {floor:.3g} K"
         return ""
+
+    @property
+    def _foretold_badly(self) -> bool:
+        """Whether the model leaves more on days held out than noise does, as far as its power is known."""
+        held_out, noise = self.gap.held_out_after, self.after.noise
+        if held_out is None:
+            return False
+        return bool((held_out / self.gap.floor) ** 2 > _FORETOLD * np.exp(2.0 * noise.spread))
 
     @property
     def _added(self) -> str:
@@ -168,7 +180,8 @@ class Explanation:
         if self.incomplete:
             # as if what is left were noise of that size
             left = self.left_after
-            wider = max(1.0, self.gap.after / self.gap.floor, np.sqrt(left.statistic / left.freedom))
+            missed = max(self.gap.after, self.gap.held_out_after or 0.0)
+            wider = max(1.0, missed / self.gap.floor, np.sqrt(left.statistic / left.freedom))
             centre = self.after.diffusivity
             low, high = centre * (low / centre) ** wider, centre * (high / centre) ** wider
             plain = self.before.diffusivity
@@ -241,44 +254,7 @@ class Explanation:
 
     def result(self) -> dict[str, Any]:
         """The part of result.json that is the diagnosis."""
-        study = self.study
-        verdict = self.verdict
-        told = self.effects if verdict in ("named", "confusable") else ()
-        gap = self.gap
-        low, high = self.interval_95
-        return {
-            "diffusivity": _quantity(self.after, (low, high)),
-            "diffusivity_before": _quantity(self.before, self.before.interval_95),
-            "verdict": verdict,
-            "effects": [
-                {
-                    "name": named.slot.effect.name,
-                    "target": study.target_name(named.slot.effect),
-                    "parameters": parameters(named, study.record),
-                    "alternatives": [
-                        {"name": slot.effect.name, "target": study.target_name(slot.effect)}
-                        for slot in named.alternatives
-                    ],
-                    "expected_gain": named.expected,
-                    "gain": named.gain,
-                    "p_value": named.p_value,
-                    "windows": {
-                        "days": named.windows.days,
-                        "size": named.windows.size,
-                        "std": named.windows.std,
-                        "p_value": named.windows.p_value,
-                    },
-                }
-                for named in told
-            ],
-            "gap": {
-                "before_K": gap.before,
-                "after_K": gap.after,
-                "floor_K": gap.floor,
-                "held_out_before_K": gap.held_out_before,
-                "held_out_after_K": gap.held_out_after,
-            },
-        }
+        return result(self)
 
 
 def _likenesses(screen: Screen, place: int) -> list[Slot]:
@@ -295,25 +271,4 @@ def _likenesses(screen: Screen, place: int) -> list[Slot]:
     return list(found)
 
 
-def _quantity(fit: Fit, interval: tuple[float, float]) -> dict[str, Any]:
-    value = fit.diffusivity
-    return {"value": value, "std": value * fit.log_std, "interval_95": list(interval), "unit": "m2/s"}
-
-
-def parameters(named: Named, record: Record) -> dict[str, Any]:
-    """An effect's parameters as result.json says them: hours as one pair, a time in the record's format."""
-    effect = named.slot.effect
-    found: dict[str, Any] = {}
-    for parameter in effect.parameters:
-        value, std = named.values[parameter.name]
-        found[parameter.name] = {"value": value, "std": std, "unit": parameter.unit}
-    if effect.name == "heat_source":
-        hours = [found.pop(key, None) for key in ("start", "end")]
-        found.setdefault("place", None)
-        found["hours"] = None if hours[0] is None else [hour["value"] % 24.0 for hour in hours if hour]
-    if effect.name == "wetting":
-        found["time"] = record.stamp_at(named.values["time"][0])
-    return found
-
-
-__all__ = ["Explanation", "Named", "Row", "Trial", "parameters"]
+__all__ = ["Explanation", "Named", "Row", "Trial"]

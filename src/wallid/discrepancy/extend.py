@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -10,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from ..estimate import NORMAL_95
+from ..quantity import NORMAL_95
 from .model import linearise
 from .noise import Noise
 from .study import Slot, Study
@@ -109,17 +108,6 @@ class Fit:
         return float(np.sqrt(np.nanmean(self.remainder**2)))
 
 
-def price(fit: Fit, slots: Iterable[Slot]) -> float:
-    """What the places, hours and temperatures that some effects chose must bring of `-2 log L` to be worth it.
-
-    `ln(readings)` each, by the Bayesian criterion: an effect that may choose explains a little of anything.
-
-    Source: G. Schwarz, Ann. Stat. 6 (1978), 461.
-    """
-    chosen = sum(not parameter.is_size for slot in slots for parameter in slot.effect.parameters)
-    return chosen * float(np.log(len(fit.noise.whiten)))
-
-
 def refit(
     study: Study,
     active: tuple[Slot, ...],
@@ -142,13 +130,15 @@ def refit(
     for error, slot in study.replaced(active):  # what the error had found is the effect's to explain
         begin[slot.first] += begin[error]
         begin[error] = 0.0
+    ahead = begin.copy()
     if step is not None:
-        step = step.copy()
-        step[0] = np.clip(step[0], -_LONGEST_STEP, _LONGEST_STEP)
-        begin[free] += step
+        ahead[free] += step
+        ahead[0] = begin[0] + np.clip(step[0], -_LONGEST_STEP, _LONGEST_STEP)
     problem = _Problem(study, active, free, whiten)
-    theta, at, converged = levenberg_marquardt(problem, begin)
-    cost = float(at.residual @ at.residual)
+    theta, at, converged = levenberg_marquardt(problem, ahead)
+    if not at.is_finite:  # the prediction left the model's reach
+        theta, at, converged = levenberg_marquardt(problem, begin)
+    cost = float(at.residual @ at.residual) if at.is_finite else np.inf
     return Fit(study, active, theta, cost, converged, noise, at.jacobian, at.residual, at.predicted)
 
 
@@ -158,6 +148,11 @@ class _Linear(NamedTuple):
     residual: np.ndarray
     jacobian: np.ndarray
     predicted: np.ndarray
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether the model gave values there."""
+        return bool(np.isfinite(self.residual).all() and np.isfinite(self.jacobian).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +188,8 @@ def levenberg_marquardt(problem: _Problem, theta: np.ndarray) -> tuple[np.ndarra
 
     Stepped from outside the compiled model: every set of effects then shares one compilation, and bounds hold
     exactly (optimistix, which the estimate runs through, ignores them). A parameter at a bound that the step
-    would push beyond it stands still. It ends where a step promises less than `_ENOUGH` of the cost.
+    would push beyond it stands still. It ends where a step promises less than `_ENOUGH` of the cost, or at once where
+    the model gives no finite values.
 
     Returns:
         Parameters, the problem there, and whether it converged.
@@ -203,6 +199,8 @@ def levenberg_marquardt(problem: _Problem, theta: np.ndarray) -> tuple[np.ndarra
     free, damping = problem.free, 1e-6
     theta = problem.bounded(theta)
     here = problem.at(theta)
+    if not here.is_finite:
+        return theta, here, False
     low, high = (limit[free] for limit in problem.study.limits)
     for _ in range(_MOST_STEPS):
         residual, jacobian = here.residual, here.jacobian
@@ -220,7 +218,7 @@ def levenberg_marquardt(problem: _Problem, theta: np.ndarray) -> tuple[np.ndarra
         trial[np.array(free)[moving]] += step / scale
         trial = problem.bounded(trial)
         there = problem.at(trial)
-        if np.isfinite(there.residual).all() and there.residual @ there.residual < residual @ residual:
+        if there.is_finite and there.residual @ there.residual < residual @ residual:
             theta, here = trial, there
             damping = max(damping / 10.0, 1e-9)
         else:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..effects import AbstractEffect, Campaign, Terms
-from ..extended import face_response, first_order, respond
+from ..extended import Base, base_course, face_response, first_order, respond
 from ..free import PROFILE_MODES
 from ..noise import Bins
 
@@ -37,19 +37,23 @@ class Model(eqx.Module):
             terms, self.campaign, self.diffusivity(theta), self.profile(theta), linear=linear, substeps=self.substeps
         )
 
+    def base(self, theta: Float[Array, " param"]) -> Base:
+        """The course of the linear part of the wall, beside which effects are looked for."""
+        terms = self.terms(theta, linear=True)
+        return base_course(terms, self.campaign, self.diffusivity(theta), self.profile(theta), substeps=self.substeps)
+
     def first_order(
-        self, base: Float[Array, " param"], theta: Float[Array, " param"], direction: Float[Array, " param"]
+        self, base: Base, theta: Float[Array, " param"], direction: Float[Array, " param"]
     ) -> Float[Array, "time sensor"]:
         """The derivative of the readings along an effect at its neutral size, beside the base's linear part, K.
 
         Arguments:
-            theta: the base with the effect at its place.
+            theta: the base's with the effect at its place.
             direction: of the effect's size.
         """
         terms, change = jax.jvp(lambda t: self.terms(t, linear=False), (theta,), (direction,))
-        wall = self.terms(base, linear=True)
         return first_order(
-            wall, terms, change, self.campaign, self.diffusivity(base), self.profile(base), substeps=self.substeps
+            base, terms, change, self.campaign, self.diffusivity(theta), self.profile(theta), substeps=self.substeps
         )
 
     def diffusivity(self, theta: Float[Array, " param"]) -> Array:
@@ -91,18 +95,24 @@ def first_order_columns(
     theta, direction = (
         np.concatenate([part, np.repeat(part[-1:], -count % _CHUNK, axis=0)]) for part in (theta, direction)
     )
+    course = _base(model, jnp.asarray(base))
     chunks = [
-        _first_order(model, bins, *(jnp.asarray(part) for part in (base, theta[some], direction[some])))
+        _first_order(model, bins, course, jnp.asarray(theta[some]), jnp.asarray(direction[some]))
         for some in (slice(at, at + _CHUNK) for at in range(0, len(theta), _CHUNK))
     ]
     return np.concatenate([np.asarray(chunk) for chunk in chunks])[:count]
 
 
 @eqx.filter_jit
+def _base(model: Model, theta: Float[Array, " param"]) -> Base:
+    return model.base(theta)
+
+
+@eqx.filter_jit
 def _first_order(
     model: Model,
     bins: Bins,
-    base: Float[Array, " param"],
+    base: Base,
     theta: Float[Array, "column param"],
     direction: Float[Array, "column param"],
 ) -> Float[Array, "column reading"]:
@@ -148,10 +158,12 @@ def linearise(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Predictions at the rows, `(time, sensor)`, and their binned derivatives along directions, `(direction, reading)`.
 
-    Every number of directions is compiled anew.
+    Every number of chunks of directions is compiled anew.
     """
-    value, slope = _linearise(model, bins, jnp.asarray(theta), jnp.asarray(directions), linear)
-    return np.asarray(value), np.asarray(slope)
+    count = len(directions)
+    whole = np.concatenate([directions, np.zeros((-count % _CHUNK, directions.shape[1]))])
+    value, slope = _linearise(model, bins, jnp.asarray(theta), jnp.asarray(whole), linear)
+    return np.asarray(value), np.asarray(slope)[:count]
 
 
 @eqx.filter_jit
@@ -162,4 +174,8 @@ def _linearise(
         value, slope = jax.jvp(lambda t: model.predict(t, linear=linear), (theta,), (direction,))
         return value, bins.mean(slope)
 
-    return jax.vmap(along, out_axes=(None, 0))(directions)
+    some = jax.vmap(along, out_axes=(None, 0))
+    if not linear:  # its steps are many and small: the more directions share one, the better
+        return some(directions)
+    values, slopes = jax.lax.map(some, directions.reshape(-1, _CHUNK, directions.shape[1]))
+    return values[0], slopes.reshape(directions.shape[0], -1)

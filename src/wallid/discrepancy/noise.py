@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .. import noise
-from ..noise import Noise, estimate_noise, filled_gaps
+from .. import noise, whittle
+from ..filled import filled_gaps
+from ..noise import Noise
 from .model import impulses
 from .study import Study
 
@@ -20,4 +21,12 @@ class NoiseModel(noise.NoiseModel):
         face_std = study.record.boundary_noise_std
         response = impulses(study.model, theta)
         gaps = filled_gaps(study.record.fill_std, face_std, response, study.bins)
-        super().__init__(response, study.bins, sensor_std, face_std, gaps=gaps, edges=False)
+        super().__init__(response, study.bins, sensor_std, face_std, gaps)
+
+
+def estimate_noise(model: NoiseModel, residual: np.ndarray, directions: np.ndarray) -> Noise:
+    """The noise that a residual shows beside these directions, without the record's two ends.
+
+    The bars that an effect has to pass were set without them.
+    """
+    return whittle.estimate_noise(model, residual, directions, edges=False)

@@ -20,7 +20,8 @@ from functools import cached_property
 
 import numpy as np
 
-from .extend import Fit, price
+from .acceptance import price
+from .extend import Fit
 from .model import first_order_columns
 from .study import Slot, Study
 

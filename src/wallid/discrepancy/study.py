@@ -12,6 +12,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
+from threading import Lock
 
 import jax.numpy as jnp
 import numpy as np
@@ -270,13 +271,19 @@ def _hours(record: Record) -> np.ndarray:
 
 
 _compiled: set[tuple[object, ...]] = set()
+_compiling = Lock()
 
 
 def compile_together(study: Study) -> None:
     """Compile what every search needs side by side: a person waits for the sum otherwise.
 
-    Does nothing where records of this shape have been searched before.
+    Does nothing where records of this shape have been searched before, and waits where that has just begun.
     """
+    with _compiling:
+        _compile(study)
+
+
+def _compile(study: Study) -> None:
     shape = (study.record.rows, study.sensors, study.model.substeps, tuple(type(s.effect) for s in study.slots))
     if shape in _compiled:
         return

@@ -1,6 +1,6 @@
-"""The effects that may be missing from the plain model; see `base.py` for how they compose."""
+"""The effects that may be missing from the plain model; see `terms` for how they compose."""
 
-from .base import AbstractEffect, Campaign, Parameter, Search, Step, Terms, Wetting, record_search
+from .base import AbstractEffect, Parameter
 from .boundary import SIDES, FaceDepth, FaceLag, FaceOffset, SolarGain, SurfaceFilm
 from .library import LIBRARY, library, untestable
 from .material import (
@@ -14,6 +14,7 @@ from .material import (
     WettingByRain,
     latent_capacity,
 )
+from .search import Search, record_search
 from .sensor import ClockShift, SensorDrift, SensorGain, SensorLag, SensorOffset, SensorPosition
 from .source import (
     AIRS,
@@ -25,6 +26,7 @@ from .source import (
     PlacedSource,
     UniformSource,
 )
+from .terms import Campaign, Step, Terms, Wetting
 
 __all__ = [
     "AIRS",

@@ -8,7 +8,9 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .base import AbstractEffect, Campaign, Parameter, Search, Step, Terms, Wetting, not_below, number
+from .base import AbstractEffect, Parameter, not_below, number
+from .search import Search
+from .terms import Campaign, Step, Terms, Wetting
 
 _DAY = 86400.0
 LATENT_WIDTH = 0.5

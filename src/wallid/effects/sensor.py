@@ -8,7 +8,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from .base import AbstractEffect, Campaign, Parameter, Terms, not_below, number
+from .base import AbstractEffect, Parameter, not_below, number
+from .terms import Campaign, Terms
 
 _MM = 1e-3
 

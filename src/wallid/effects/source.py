@@ -10,7 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .base import CONSTANT, AbstractEffect, Campaign, Parameter, Search, Source, Terms, not_below, number
+from .base import AbstractEffect, Parameter, not_below, number
+from .search import Search
+from .terms import CONSTANT, Campaign, Source, Terms
 
 Air = Literal["outdoor", "indoor"]
 AIRS: tuple[Air, Air] = ("outdoor", "indoor")

@@ -6,7 +6,7 @@ effect would change to first order is one linear solve (`first_order.py`).
 """
 
 from .cells import Cells, cells, start
-from .first_order import first_order
+from .first_order import Base, base_course, first_order
 from .linear import linear_course
 from .nonlinear import LONGEST_SUBSTEP, LinearlyImplicit, nonlinear_course
 from .respond import face_response, respond
@@ -14,8 +14,10 @@ from .sensors import readings
 
 __all__ = [
     "LONGEST_SUBSTEP",
+    "Base",
     "Cells",
     "LinearlyImplicit",
+    "base_course",
     "cells",
     "face_response",
     "first_order",

@@ -21,8 +21,8 @@ from .nonlinear import flow
 from .sensors import readings
 
 
-class _Base(NamedTuple):
-    """A linear wall's course on equal parts of each interval between rows."""
+class Base(NamedTuple):
+    """A linear wall's course on equal parts of each interval between rows: what the effects act upon."""
 
     wall: Cells
     system: Modes
@@ -32,11 +32,12 @@ class _Base(NamedTuple):
 
     @property
     def temperatures(self) -> Float[Array, "part node"]:
+        """At the nodes, degC."""
         return self.course @ self.system.out.T
 
 
 def first_order(
-    base: Terms,
+    base: Base,
     terms: Terms,
     change: Terms,
     campaign: Campaign,
@@ -48,42 +49,44 @@ def first_order(
     """The derivative of the readings along a change of the terms, at a linear wall.
 
     Arguments:
-        base: of the linear wall; under `vmap` over changes it is solved once.
-        terms: the same with the change at its neutral value, in its place.
+        base: the linear wall's course, on so many substeps.
+        terms: its terms with the change at its neutral value, in its place.
         change: the terms' derivative along it.
         substeps: on whose straight lines the source lies between two rows.
     """
-    plain = _solved(base, campaign, diffusivity, profile, substeps)
-    system = plain.system
+    system = base.system
     (here, _), (moved, initial) = jax.jvp(lambda some: _held(some, campaign, profile), (terms,), (change,))
-    f = _source(plain, moved, terms, change, campaign, diffusivity) @ system.into.T
+    f = _source(base, moved, terms, change, campaign, diffusivity) @ system.into.T
     lines = jnp.stack([f[:-1], jnp.diff(f, axis=0)], axis=1)
-    m = system.run_in_modes(system.into @ initial, lines, plain.step)[::substeps]
+    m = system.run_in_modes(system.into @ initial, lines, base.step)[::substeps]
     # other inputs, and what changes the faces, are cubics that may jump at a row
     drive = jnp.concatenate([here.course[..., 2:], moved.course], axis=-1)
     inputs = jnp.concatenate([system.into @ moved.other, system.inputs], axis=1)
     m = m + system.run(jnp.zeros_like(initial), drive, inputs, campaign.step)
     rates = m * system.poles + f[::substeps] + at_rows(drive, campaign.step)[0] @ inputs.T
-    q, _ = at_rows(plain.wall.course, campaign.step)
-    course = plain.course[::substeps]
-    warming = (course * system.poles + q @ system.inputs.T) @ system.out.T
+    q, _ = at_rows(base.wall.course, campaign.step)
+    course = base.course[::substeps]
+    warming = course * system.poles + q @ system.inputs.T
 
-    def observed(some: Terms, T: Array, warming: Array) -> Array:
+    def observed(some: Terms, course: Array, warming: Array) -> Array:
         wall = cells(some, campaign)
+        state = wall.state @ system.out
         q, q_rate = at_rows(wall.course, campaign.step)
-        value = T @ wall.state.T + q[:, :2] @ wall.face.T
-        return readings(some, campaign, value, warming @ wall.state.T + q_rate[:, :2] @ wall.face.T)
+        value = course @ state.T + q[:, :2] @ wall.face.T
+        return readings(some, campaign, value, warming @ state.T + q_rate[:, :2] @ wall.face.T)
 
-    whole = terms, course @ system.out.T, warming
-    return jax.jvp(observed, whole, (change, m @ system.out.T, rates @ system.out.T))[1]
+    return jax.jvp(observed, (terms, course, warming), (change, m, rates))[1]
 
 
-def _solved(terms: Terms, campaign: Campaign, diffusivity: Array, profile: Array, substeps: int) -> _Base:
+def base_course(
+    terms: Terms, campaign: Campaign, diffusivity: Array, profile: Float[Array, " mode"], *, substeps: int
+) -> Base:
+    """The course of a linear wall, for `first_order`."""
     wall, step = cells(terms, campaign), campaign.step / substeps
     system, inputs = modes(wall, diffusivity), _finer(wall.course, substeps)
     course = system.run(system.into @ start(wall, campaign, profile), inputs, system.inputs, step)
     q, _ = at_rows(inputs, step)
-    return _Base(wall, system, course, step, q.at[:, 2:].set(0.0))
+    return Base(wall, system, course, step, q.at[:, 2:].set(0.0))
 
 
 def _held(terms: Terms, campaign: Campaign, profile: Array) -> tuple[Cells, Array]:
@@ -93,7 +96,7 @@ def _held(terms: Terms, campaign: Campaign, profile: Array) -> tuple[Cells, Arra
 
 
 def _source(
-    base: _Base, moved: Cells, terms: Terms, change: Terms, campaign: Campaign, diffusivity: Array
+    base: Base, moved: Cells, terms: Terms, change: Terms, campaign: Campaign, diffusivity: Array
 ) -> Float[Array, "part node"]:
     """What a change of the cells and of their materials makes of the base's temperatures and faces, K/s."""
     T = base.temperatures

@@ -1,28 +1,53 @@
-"""Figures of a diagnosis: the numbers drawn are those of the explanation."""
+"""`wallid diagnose`: what it writes, and its figures: the numbers drawn are those of the explanation."""
 
+import json
 from dataclasses import replace
+from html import unescape
 
+import jsonschema
 import numpy as np
 import pytest
 from benchmarks.discrepancy.truth import Spec, write_case
+from pages import check
+from results import DIAGNOSIS, SCHEMA
+from typer.testing import CliRunner
 
 import wallid
-from wallid import figures, plot
+from wallid import figures, plot, workflow
 from wallid import plot_discrepancy as drawn
 from wallid import plot_remainder as remainder
+from wallid.cli import app
+from wallid.page import unit
 
 
 @pytest.fixture(scope="module")
-def explanation(tmp_path_factory):
-    """Of ten days in which a sensor lags by 40 minutes, by the independent simulator."""
+def diagnosed(tmp_path_factory):
+    """The command on ten days in which a sensor lags by 40 minutes, by the independent simulator: the case's file,
+    how it ended, and what its search found."""
     folder = tmp_path_factory.mktemp("hidden")
     hidden = (("sensor_lag", "T1", {"time_constant": 2400.0}),)
     write_case(Spec(days=10.0, positions=(0.06, 0.2), effects=hidden), folder)
-    case = wallid.load(folder)
-    # as many rows as the command line's test takes: what that has compiled serves here
-    found = wallid.explain(replace(case, choices=replace(case.choices, diagnose_days=9.0)))
-    assert found.effects, found
-    return found
+    path, found = folder / "case.toml", []
+    path.write_text(path.read_text() + "[choices]\ndiagnose_days = 9\n")
+
+    def explain(case, progress):
+        found.append(wallid.explain(case, progress=progress))
+        return found[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workflow, "explain", explain)
+        ended = CliRunner().invoke(app, ["diagnose", str(path), "--json", "--out", str(folder / "out")])
+    return path, ended, found
+
+
+@pytest.fixture(scope="module")
+def explanation(diagnosed):
+    """What the command found, once for all that is told of it."""
+    _, ended, found = diagnosed
+    assert ended.exit_code == 0, ended.output
+    (explanation,) = found
+    assert explanation.effects, explanation
+    return explanation
 
 
 @pytest.fixture(scope="module")
@@ -214,3 +239,108 @@ def test_where_nothing_was_added_there_is_one_model(adequate):
     assert [line.get_label() for line in axes[1].lines] == ["measured", "plain model"]
     plot.week_residuals(axes[2], adequate, 0)
     assert len(axes[2].lines) == 2  # and the zero
+
+
+# ------------------------------------------------------------------------------------------ the command
+
+
+@pytest.fixture
+def explained(monkeypatch, diagnosed, explanation):
+    """The command's search replaced by what it found before."""
+    monkeypatch.setattr(workflow, "explain", lambda case, progress: explanation)
+    return diagnosed[0]
+
+
+@pytest.fixture
+def command(tmp_path):
+    def call(*words):
+        return CliRunner().invoke(app, [*map(str, words), "--out", str(tmp_path / "out")])
+
+    return call
+
+
+def test_diagnose_names_what_is_hidden(diagnosed, explanation):
+    """The command in full, from file to files."""
+    path, ended, _ = diagnosed
+    found = explanation
+    assert ended.exit_code == 0, ended.output
+    result = json.loads(ended.stdout)  # nothing else there
+    jsonschema.validate(result, SCHEMA)
+    assert result["verdict"] in ("named", "confusable") and result["iterations"] is None
+    (effect,) = result["effects"]
+    assert ("sensor_lag", "T1") in {(one["name"], one["target"]) for one in [effect, *effect["alternatives"]]}
+    # the rows used: nine days of ten
+    assert result["window"] == {"start": "2023-02-06T00:00:00", "end": "2023-02-15T00:00:00", "criterion": None}
+    assert set(result["seconds"]) == {"diagnose"} and result["reason"] is None
+    assert result["diffusivity"]["value"] == pytest.approx(found.after.diffusivity)
+    assert result["diffusivity_before"]["value"] == pytest.approx(found.before.diffusivity)
+    assert result["gap"]["after_K"] == pytest.approx(found.gap.after)
+    ranked = result["ranked"]
+    assert len(ranked) == len(found.table)
+    assert [row["expected_gain"] for row in ranked] == sorted((row["expected_gain"] for row in ranked), reverse=True)
+    assert "smallest" not in result and result["left_over"]["p_after"] > 1e-3
+    out = path.parent / "out"
+    assert {file.name for file in out.iterdir()} == DIAGNOSIS | {"wall.png", "record.png", "report.html", "result.json"}
+    assert json.loads((out / "result.json").read_text()) == result
+    page = check((out / "report.html").read_text("utf-8"))
+    assert unit(found.sentence.replace("+-", "±")) in unescape(page.text)
+    assert page.text.count('<th scope="row">') > len(ranked) and 'class="in"' in page.text
+
+
+def test_diagnose_prints_what_it_found(command, tmp_path, explained, explanation):
+    ended = command("diagnose", explained)
+    assert ended.exit_code == 0
+    assert str(explanation) in ended.stdout and "missing.png" in ended.stdout
+    # what is not this result's goes, what is not ours stays
+    (tmp_path / "out" / "design.png").write_text("of an earlier run")
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    quiet = command("diagnose", explained, "--quiet")
+    assert quiet.exit_code == 0 and quiet.output == ""
+    names = {file.name for file in (tmp_path / "out").iterdir()}
+    assert names == DIAGNOSIS | {"wall.png", "record.png", "report.html", "result.json", "notes.txt"}
+
+
+def test_an_adequate_model_is_told_with_what_would_have_shown(command, tmp_path, monkeypatch, diagnosed, explanation):
+    """As if the search had added nothing and nothing were left."""
+    path, found = diagnosed[0], explanation
+    nothing = replace(
+        found, after=found.before, effects=(), rivals=(), left_after=replace(found.left_after, p_value=0.5)
+    )
+    monkeypatch.setattr(workflow, "explain", lambda case, progress: nothing)
+    ended = command("diagnose", path, "--json")
+    assert ended.exit_code == 0
+    result = json.loads(ended.stdout)
+    jsonschema.validate(result, SCHEMA)
+    assert result["verdict"] == "adequate" and len(result["smallest"]) == len(result["ranked"])
+    assert all(size["value"] > 0 for size in result["smallest"].values())
+    assert not (tmp_path / "out" / "windows.png").exists()
+
+
+def test_a_diagnosis_without_a_diffusivity_ends_with_status_1(command, monkeypatch, diagnosed, explanation):
+    path, found = diagnosed[0], explanation
+    case = found.study.case
+    strict = replace(case, choices=replace(case.choices, largest_interval_factor=1.0001))
+    wide = replace(found, study=replace(found.study, case=strict))
+    monkeypatch.setattr(workflow, "explain", lambda case, progress: wide)
+    ended = command("diagnose", path, "--json")
+    assert ended.exit_code == 1
+    result = json.loads(ended.stdout)
+    jsonschema.validate(result, SCHEMA)
+    assert result["verdict"] == "uninformative" and result["reason"]
+
+
+def test_a_figure_that_fails_leaves_nothing_half_written(command, tmp_path, monkeypatch, explained):
+    from matplotlib.figure import Figure
+
+    count = iter(range(100))
+    save = Figure.savefig
+
+    def once_too_often(figure, *args, **kwargs):
+        if next(count) == 3:
+            raise OSError(28, "No space left on device")
+        save(figure, *args, **kwargs)
+
+    monkeypatch.setattr(Figure, "savefig", once_too_often)
+    ended = command("diagnose", explained)
+    assert ended.exit_code == 2 and "--out" in ended.stderr and ended.stdout == ""
+    assert not list((tmp_path / "out").iterdir())

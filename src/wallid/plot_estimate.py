@@ -1,0 +1,125 @@
+"""Figures of an estimate's window: how it starts, how the iteration converges, what is left."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from ._style import BLUE, DAYS, GREEN, GREY, ORANGE, RED, colour
+from .case import Case
+from .estimated import Estimate
+from .experiment import Window, fit_profile
+from .plot_record import legend_above, thinned
+from .quantity import NORMAL_95
+
+_BAND_POINTS = 1000  # of an interval about a course
+
+
+def initial_profile(ax: Axes, case: Case, window: Window) -> None:
+    """The initial profile of a window and the readings it is fitted through."""
+    profile = fit_profile(case, window.row)
+    x = np.linspace(0.0, 1.0, 101)
+    places = [0.0, *(sensor.position for sensor in case.sensors), case.wall.length]
+    left, right = case.record.faces[window.row]
+    readings = [left, *case.record.sensors[window.row], right]
+    ax.plot(
+        x * case.wall.length, np.polynomial.polynomial.polyval(x, profile.coefficients), color=BLUE, label="profile"
+    )
+    ax.plot(places, readings, "o", color=RED, label="readings")
+    fitted = "given" if profile.eps_2 is None else f"fit $\\epsilon_2$ = {profile.eps_2:.2g} K"
+    ax.set(xlabel="x (m)", ylabel="temperature (°C)", title=f"Initial profile ({fitted})")
+    ax.legend()
+
+
+def convergence(value_ax: Axes, gamma_ax: Axes, fit: Estimate) -> None:
+    """The diffusivity and the two stopping criteria at each step: of the paper's iteration, then of the rounds."""
+    steps = np.arange(len(fit.history["diffusivity"]))
+    value_ax.plot(steps, fit.history["diffusivity"], "o-", color=BLUE)
+    value_ax.set(xlabel="Gauss-Newton step", ylabel="diffusivity (m²/s)", title="Convergence")
+    steps = steps[1:]
+    for name, symbol, tint in (("gamma_1", r"$\gamma_1$ (cost)", ORANGE), ("gamma_2", r"$\gamma_2$ (value)", GREEN)):
+        seen = fit.history[name][1:] > 0
+        if seen.any():
+            gamma_ax.semilogy(steps[seen], fit.history[name][1:][seen], "o-", color=tint, label=symbol)
+    gamma_ax.set(xlabel="Gauss-Newton step", ylabel="relative change", title="Stopping criteria")
+    if fit.rounds and fit.iterations:
+        value_ax.axvline(fit.iterations + 0.5, color=GREY, ls=":", lw=1.0, label="then the full covariance")
+        gamma_ax.axvline(fit.iterations + 0.5, color=GREY, ls=":", lw=1.0)
+        value_ax.legend(loc="lower right")
+    gamma_ax.legend()
+    for ax in (value_ax, gamma_ax):
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def reading_interval(case: Case, fit: Estimate, theta: np.ndarray) -> np.ndarray:
+    """Half the width of each reading's 95 % interval about the prediction, K, `(time, sensor)`.
+
+    From the sensor's noise as stated and from the diffusivity's standard error, std:
+    `1.96 sqrt(noise^2 + (theta std / value)^2)`.
+
+    Arguments:
+        theta: `dT/d(ln alpha)` over the estimate's window, K, as `wallid.estimate.theta_kelvin` gives it.
+    """
+    noise = np.array([sensor.noise_std for sensor in case.sensors])
+    return NORMAL_95 * np.hypot(noise, np.asarray(theta) * fit.std / fit.value)
+
+
+def measured_against_simulated(ax: Axes, case: Case, fit: Estimate, theta: np.ndarray | None = None) -> None:
+    """Readings and model over the estimate's window, with each reading's 95 % interval.
+
+    Arguments:
+        theta: see `reading_interval`; None leaves the interval out.
+    """
+    days = _window_days(case, fit.window)
+    part = case.record.window(fit.window.row, fit.window.rows)
+    for s, sensor in enumerate(case.sensors):
+        if theta is not None:
+            _band(ax, days, fit.predicted[:, s], reading_interval(case, fit, theta)[:, s], colour(s), 0.25)
+        ax.plot(*thinned(days, part.sensors[:, s]), ".", ms=4, color=colour(s), alpha=0.6)
+        ax.plot(*thinned(days, fit.predicted[:, s]), color=colour(s), label=sensor.name)
+    ax.set(xlabel=DAYS, ylabel="temperature (°C)", title="Measured (dots) and simulated")
+    legend_above(ax, ncols=5)
+
+
+def measured_flux(ax: Axes, case: Case, fit: Estimate, plate: int) -> None:
+    """A plate's readings and the model's flux over the estimate's window."""
+    assert fit.thermal is not None
+    face = list(fit.thermal.gains)[plate]
+    days = _window_days(case, fit.window)
+    part = case.record.window(fit.window.row, fit.window.rows)
+    ax.plot(days, part.regressors[f"flux_{face}"], ".", ms=3, color=colour(plate), alpha=0.6, label="measured")
+    there = np.isfinite(fit.residual[:, fit.sensors + plate])
+    ax.plot(days[there], fit.predicted[there, fit.sensors + plate], color=GREY, label="simulated")
+    ax.set(xlabel=DAYS, ylabel="heat flux (W/m²)", title=f"Flux at the {face} face, positive to the right")
+    legend_above(ax, ncols=2)
+
+
+def residual(ax: Axes, case: Case, fit: Estimate, theta: np.ndarray | None = None) -> None:
+    """Measured minus simulated over the estimate's window, with each reading's 95 % interval.
+
+    Arguments:
+        theta: see `reading_interval`; None leaves the interval out.
+    """
+    days = _window_days(case, fit.window)
+    for s, sensor in enumerate(case.sensors):
+        if theta is not None:
+            _band(ax, days, np.zeros(len(days)), reading_interval(case, fit, theta)[:, s], GREY, 0.08)
+        there = np.isfinite(fit.residual[:, s])
+        shown = thinned(days[there], fit.residual[there, s])
+        ax.plot(*shown, ".-", ms=3, lw=0.7, color=colour(s), label=sensor.name)
+    ax.axhline(0.0, color=GREY, lw=0.8)
+    ax.set(xlabel=DAYS, ylabel="residual (K)", title="Measured minus simulated")
+    legend_above(ax, ncols=5)
+
+
+def _band(ax: Axes, days: np.ndarray, middle: np.ndarray, half: np.ndarray, tint: str, alpha: float) -> None:
+    """An interval about a course, of a long window every some rows."""
+    some = slice(None, None, max(1, len(days) // _BAND_POINTS))
+    low, high = (middle - half)[some], (middle + half)[some]
+    ax.fill_between(days[some], low, high, color=tint, alpha=alpha, lw=0)
+
+
+def _window_days(case: Case, window: Window) -> np.ndarray:
+    """When a window's rows were logged, days since the record's start."""
+    return np.asarray(case.record.time)[window.row : window.row + window.rows] / 86400.0
