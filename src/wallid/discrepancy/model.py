@@ -7,6 +7,9 @@ exactly, so one compilation serves every combination of effects.
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -19,6 +22,9 @@ from ..free import PROFILE_MODES
 from ..noise import Bins
 
 _CHUNK = 4  # columns at once: more would not fit the cache
+_STEPPED_CHUNK = (
+    10  # its steps are many and small: the more directions share one, the better; yet two cores are at hand
+)
 
 
 class Model(eqx.Module):
@@ -158,24 +164,60 @@ def linearise(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Predictions at the rows, `(time, sensor)`, and their binned derivatives along directions, `(direction, reading)`.
 
-    Every number of chunks of directions is compiled anew.
+    A linear wall is compiled anew for every number of chunks of directions; of any other, chunks go side by side.
     """
     count = len(directions)
-    whole = np.concatenate([directions, np.zeros((-count % _CHUNK, directions.shape[1]))])
-    value, slope = _linearise(model, bins, jnp.asarray(theta), jnp.asarray(whole), linear)
-    return np.asarray(value), np.asarray(slope)[:count]
+    if linear:
+        value, slope = _linearise(model, bins, jnp.asarray(theta), jnp.asarray(_whole(directions, _CHUNK)))
+        return np.asarray(value), np.asarray(slope)[:count]
+
+    def along(some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, slope = _linearise_stepped(model, bins, jnp.asarray(theta), jnp.asarray(some))
+        return np.asarray(value), np.asarray(slope)
+
+    used = np.flatnonzero(directions.any(axis=1))
+    whole = _whole(directions[used] if used.size else directions[:1], _STEPPED_CHUNK)
+    chunks = np.split(whole, len(whole) // _STEPPED_CHUNK)
+    shape = jax.tree.structure(model), *(leaf.shape for leaf in jax.tree.leaves((model, bins)))
+    with ThreadPoolExecutor(os.cpu_count() if shape in _stepped_shapes else 1) as pool:  # one compiles it for all
+        values, slopes = zip(*pool.map(along, chunks), strict=True)
+    _stepped_shapes.add(shape)
+    slope = np.zeros((count, slopes[0].shape[1]))
+    slope[used] = np.concatenate(slopes)[: used.size]
+    return values[0], slope
+
+
+_stepped_shapes: set[tuple[object, ...]] = set()
+
+
+def _whole(directions: np.ndarray, chunk: int) -> np.ndarray:
+    """The directions and as many zeros as whole chunks take."""
+    return np.concatenate([directions, np.zeros((-len(directions) % chunk, directions.shape[1]))])
 
 
 @eqx.filter_jit
 def _linearise(
-    model: Model, bins: Bins, theta: Float[Array, " param"], directions: Float[Array, "direction param"], linear: bool
+    model: Model, bins: Bins, theta: Float[Array, " param"], directions: Float[Array, "direction param"]
 ) -> tuple[Float[Array, "time sensor"], Float[Array, "direction reading"]]:
-    def along(direction: Array) -> tuple[Array, Array]:
+    chunks = directions.reshape(-1, _CHUNK, directions.shape[1])
+    values, slopes = jax.lax.map(lambda some: _along(model, bins, theta, some, linear=True), chunks)
+    return values[0], slopes.reshape(directions.shape[0], -1)
+
+
+@eqx.filter_jit
+def _linearise_stepped(
+    model: Model, bins: Bins, theta: Float[Array, " param"], directions: Float[Array, "direction param"]
+) -> tuple[Float[Array, "time sensor"], Float[Array, "direction reading"]]:
+    return _along(model, bins, theta, directions, linear=False)
+
+
+def _along(
+    model: Model, bins: Bins, theta: Array, directions: Array, *, linear: bool
+) -> tuple[Float[Array, "time sensor"], Float[Array, "direction reading"]]:
+    """Predictions and their binned derivatives along directions, all at once."""
+
+    def one(direction: Array) -> tuple[Array, Array]:
         value, slope = jax.jvp(lambda t: model.predict(t, linear=linear), (theta,), (direction,))
         return value, bins.mean(slope)
 
-    some = jax.vmap(along, out_axes=(None, 0))
-    if not linear:  # its steps are many and small: the more directions share one, the better
-        return some(directions)
-    values, slopes = jax.lax.map(some, directions.reshape(-1, _CHUNK, directions.shape[1]))
-    return values[0], slopes.reshape(directions.shape[0], -1)
+    return jax.vmap(one, out_axes=(None, 0))(directions)

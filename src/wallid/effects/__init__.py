@@ -13,6 +13,7 @@ from .material import (
     TemperatureDependentConductivity,
     WettingByRain,
     latent_capacity,
+    latent_heat,
 )
 from .search import Search, record_search
 from .sensor import ClockShift, SensorDrift, SensorGain, SensorLag, SensorOffset, SensorPosition
@@ -66,6 +67,7 @@ __all__ = [
     "Wetting",
     "WettingByRain",
     "latent_capacity",
+    "latent_heat",
     "library",
     "record_search",
     "untestable",

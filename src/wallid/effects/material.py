@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 import jax.numpy as jnp
+from jax.scipy.special import ndtr
 from jaxtyping import Array, Float
 
 from .base import AbstractEffect, Parameter, not_below, number
@@ -192,4 +193,12 @@ def latent_capacity(latent: tuple[Step, ...], temperature: Array) -> Array:
     for bump in latent:
         z = (temperature - bump.place) / LATENT_WIDTH
         total = total + bump.size * jnp.exp(-0.5 * z * z) / (LATENT_WIDTH * jnp.sqrt(2 * jnp.pi))
+    return total
+
+
+def latent_heat(latent: tuple[Step, ...], temperature: Array) -> Array:
+    """The bumps' capacity integrated up to these temperatures, K of the wall's own heat."""
+    total = jnp.zeros_like(temperature)
+    for bump in latent:
+        total = total + bump.size * ndtr((temperature - bump.place) / LATENT_WIDTH)
     return total

@@ -4,7 +4,7 @@ The plain model is one homogeneous (or stated) wall between two measured faces. 
 that may be missing from it, at its neutral value; an effect adds its own to these, and so effects compose
 in any number and any order::
 
-    gamma(T, x) dT/dt = d/dx (alpha s(t) kappa(T, x) dT/dx) - v dT/dx + sum_a s_a (T_a - T) + q(x, t)
+    dT/dt = 1/gamma(T, x) d/dx (alpha s(t) kappa(T, x) dT/dx) - v dT/dx + sum_a s_a (T_a - T) + q(x, t)
 
 with `gamma` and `kappa` relative to the wall's effective capacity and conductivity.
 """

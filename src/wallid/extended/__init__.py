@@ -8,7 +8,7 @@ effect would change to first order is one linear solve (`first_order.py`).
 from .cells import Cells, cells, start
 from .first_order import Base, base_course, first_order
 from .linear import linear_course
-from .nonlinear import LONGEST_SUBSTEP, LinearlyImplicit, nonlinear_course
+from .nonlinear import LONGEST_SUBSTEP, DiagonallyImplicit, nonlinear_course
 from .respond import face_response, respond
 from .sensors import readings
 
@@ -16,7 +16,7 @@ __all__ = [
     "LONGEST_SUBSTEP",
     "Base",
     "Cells",
-    "LinearlyImplicit",
+    "DiagonallyImplicit",
     "base_course",
     "cells",
     "face_response",
