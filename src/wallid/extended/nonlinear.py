@@ -175,10 +175,14 @@ def _stage(field: NonlinearWall, t: Array, span: Array, held: Array, near: Array
 @_stage.defjvp
 def _stage_jvp(primals, tangents):
     """By the implicit function theorem."""
-    *given, near = primals
-    T = _stage(*given, near)
-    _, change = jax.jvp(lambda *some: _excess(*some, T), tuple(given), tuple(tangents[:-1]))
-    return T, -_solve(*_tridiagonal(lambda T: _excess(*given, T), T), change)
+    field, t, span, held, near = primals
+    T = _stage(field, t, span, held, near)
+
+    def excess(field: NonlinearWall, t: Array, span: Array, held: Array) -> Array:
+        return _excess(field, t, span, held, T)
+
+    _, change = jax.jvp(excess, (field, t, span, held), tangents[:-1])
+    return T, -_solve(*_tridiagonal(lambda T: _excess(field, t, span, held, T), T), change)
 
 
 def _excess(field: NonlinearWall, t: Array, span: Array, held: Array, T: Array) -> Float[Array, " node"]:
