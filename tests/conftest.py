@@ -28,12 +28,21 @@ compile_quickly()  # as the commands do: most of the tests' time is compilation
 from pathlib import Path  # noqa: E402
 
 import hypothesis  # noqa: E402
+import jax  # noqa: E402
 import pytest  # noqa: E402
 
 hypothesis.settings.register_profile("wallid", deadline=None, derandomize=True, print_blob=True)
 hypothesis.settings.load_profile("wallid")
 
 DATA = Path(os.environ.get("WALLID_DATA", Path(__file__).parents[2] / "shared" / "data"))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compile_by_need(request):
+    """Most files wait for the compiler: XLA optimises only for those marked `runs_long`, and for what they start."""
+    hasty = request.node.get_closest_marker("runs_long") is None
+    jax.config.update("jax_disable_most_optimizations", hasty)
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(hasty).lower()
 
 
 @pytest.fixture

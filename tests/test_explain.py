@@ -11,6 +11,8 @@ from wallid.discrepancy.extend import refit
 from wallid.discrepancy.words import separation
 from wallid.effects import untestable
 
+pytestmark = pytest.mark.runs_long
+
 # One shape of record for all: each new one is compiled anew.
 PLAIN = Spec(
     length=0.4,
