@@ -36,7 +36,7 @@ from wallid.effects import (
     UniformSource,
     WettingByRain,
 )
-from wallid.extended import cells, linear_course, nonlinear_course, readings, respond, start
+from wallid.extended import cells, linear_course, readings, respond, start, stepped_course
 
 DAY, HOUR = 86400.0, 3600.0
 L, ALPHA = 0.2, jnp.asarray(8e-7)
@@ -259,7 +259,7 @@ def changing(campaign):
 def stepped(terms, campaign, substeps, controller=None):
     wall = cells(terms, campaign)
     more = {} if controller is None else {"solver": diffrax.Tsit5(), "controller": controller}
-    return nonlinear_course(
+    return stepped_course(
         wall, terms, campaign, ALPHA, start(wall, campaign, jnp.zeros(1)), substeps=substeps, **more
     )  # fmt: skip
 

@@ -10,8 +10,8 @@ from jaxtyping import Array, Float
 from ..effects import Campaign, Terms
 from .cells import cells, start
 from .linear import linear_course
-from .nonlinear import nonlinear_course
 from .sensors import readings
+from .stepped import stepped_course
 
 
 def respond(
@@ -36,7 +36,7 @@ def respond(
     if linear:
         value, rate = linear_course(wall, campaign, diffusivity, initial)
     else:
-        value, rate = nonlinear_course(wall, terms, campaign, diffusivity, initial, substeps=substeps)
+        value, rate = stepped_course(wall, terms, campaign, diffusivity, initial, substeps=substeps)
     return readings(terms, campaign, value, rate)
 
 
