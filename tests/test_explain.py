@@ -7,6 +7,7 @@ import pytest
 from benchmarks.discrepancy.truth import Hidden, Spec, simulate, write_case
 
 import wallid
+from wallid.discrepancy.explanation import Trial
 from wallid.discrepancy.extend import refit
 from wallid.discrepancy.words import separation
 from wallid.effects import untestable
@@ -60,6 +61,18 @@ def test_nothing_is_missing_from_a_wall_from_which_nothing_is(explained, noise):
     assert found.gap.after == pytest.approx(found.gap.floor, rel=0.15)
     assert replace(found, gap=replace(found.gap, held_out_after=3 * found.gap.floor)).verdict == "unnamed"
     assert all(np.isfinite(size) and size > 0 for size in found.smallest().values())
+    slot = next(slot for slot in found.study.slots if slot.effect.name == "solar_gain")
+    small = refit(found.study, (slot,), found.before.theta, found.before.noise)
+    theta = small.theta.copy()
+    theta[0] += 0.2
+    theta[slot.first] = 1.0
+    large = replace(small, theta=theta, cost=found.before.cost - 1000)
+    for fit, verdict in ((large, "unnamed"), (replace(large, cost=found.before.cost - 1), "adequate")):
+        doubted = replace(found, trials=(Trial(found.before, fit, 1000.0, "predicts days held out no better"),))
+        assert doubted.verdict == verdict
+        within = doubted.interval_95[0] <= fit.diffusivity <= doubted.interval_95[1]
+        assert within == (verdict == "unnamed")
+        assert ("1000 of -2 log L" in doubted.sentence) == (verdict == "unnamed")
 
 
 @pytest.mark.parametrize(

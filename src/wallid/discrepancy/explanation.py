@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .acceptance import refusal
 from .compare import Gap, Windows
 from .extend import Fit
 from .locate import Remainder
@@ -24,6 +25,7 @@ CHANCE = 0.03
 """Over the whole library: above it, a gain is no more than chance makes."""
 _ALIKE = 0.95  # cosine from which two effects look alike
 _FORETOLD = 2.0  # times the noise's variance, that a model may leave on days held out
+_PLAIN_TO_SEE = 3.0  # times the gain that chance makes in the whole library
 _CLEAR = 9.0  # of -2 log L: the size that would have been told apart from none
 
 
@@ -152,6 +154,13 @@ class Explanation:
             if named.windows.p_value < LEFT_OVER:
                 label, p = self.study.label(named.slot.effect), named.windows.p_value
                 return f"the best name, {label}, would have another size at another time (p = {p:.1g})"
+        if self._refused and not self.effects:
+            likeliest = max(self._refused, key=lambda trial: trial.gain)
+            labels = " and ".join(self.study.label(slot.effect) for slot in likeliest.added)
+            return (
+                f"{labels} would explain {likeliest.gain:.0f} of -2 log L, where chance makes {self._by_chance:.0f}, "
+                f"and was refused: {likeliest.reason}"
+            )
         if self._foretold_badly:
             after, floor = self.gap.held_out_after, self.gap.floor
             return f"{self._added}days held out are still missed by {after:.3g} K, where noise leaves {floor:.3g} K"
@@ -166,6 +175,26 @@ class Explanation:
         return bool((held_out / self.gap.floor) ** 2 > _FORETOLD * np.exp(2.0 * noise.spread))
 
     @property
+    def _by_chance(self) -> float:
+        """The gain that chance seldom makes beside the plain model."""
+        return self.screen.threshold(CHANCE)
+
+    @cached_property
+    def _refused(self) -> list[Trial]:
+        """What explains far more of the plain model's misfit than chance does, and may not stand all the same.
+
+        It ended at a bound, or does not foretell days held out; an effect too small to report is no such thing.
+        """
+        return [
+            trial
+            for trial in self.trials
+            if trial.reason
+            and not trial.base.active
+            and trial.gain > _PLAIN_TO_SEE * self._by_chance
+            and (trial.fit.at_bound or not refusal(trial.fit))
+        ]
+
+    @property
     def _added(self) -> str:
         labels = " and ".join(self.study.label(named.slot.effect) for named in self.effects)
         return f"beside {labels} " if labels else ""
@@ -178,6 +207,8 @@ class Explanation:
         ends = [low, high, *(end for fit in near for end in fit.interval_95)]
         low, high = min(ends), max(ends)
         if self.incomplete:
+            doubted = [] if self.effects else [end for trial in self._refused for end in trial.fit.interval_95]
+            low, high = min([low, *doubted]), max([high, *doubted])
             # as if what is left were noise of that size
             left = self.left_after
             missed = max(self.gap.after, self.gap.held_out_after or 0.0)
