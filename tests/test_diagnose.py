@@ -60,6 +60,7 @@ def adequate(explanation):
         after=explanation.before,
         effects=(),
         left_after=replace(explanation.left_before, p_value=0.5),
+        trials=(),
         rivals=(),
         gap=gap,
     )
@@ -304,7 +305,12 @@ def test_an_adequate_model_is_told_with_what_would_have_shown(command, tmp_path,
     """As if the search had added nothing and nothing were left."""
     path, found = diagnosed[0], explanation
     nothing = replace(
-        found, after=found.before, effects=(), rivals=(), left_after=replace(found.left_after, p_value=0.5)
+        found,
+        after=found.before,
+        effects=(),
+        trials=(),
+        rivals=(),
+        left_after=replace(found.left_after, p_value=0.5),
     )
     monkeypatch.setattr(workflow, "explain", lambda case, progress: nothing)
     ended = command("diagnose", path, "--json")
