@@ -154,7 +154,7 @@ class Explanation:
             if named.windows.p_value < LEFT_OVER:
                 label, p = self.study.label(named.slot.effect), named.windows.p_value
                 return f"the best name, {label}, would have another size at another time (p = {p:.1g})"
-        if self._refused and not self.effects:
+        if self._refused:
             likeliest = max(self._refused, key=lambda trial: trial.gain)
             labels = " and ".join(self.study.label(slot.effect) for slot in likeliest.added)
             return (
@@ -184,7 +184,10 @@ class Explanation:
         """What explains far more of the plain model's misfit than chance does, and may not stand all the same.
 
         It ended at a bound, or does not foretell days held out; an effect too small to report is no such thing.
+        Nothing once an effect was found.
         """
+        if self.effects:
+            return []
         return [
             trial
             for trial in self.trials
@@ -207,7 +210,7 @@ class Explanation:
         ends = [low, high, *(end for fit in near for end in fit.interval_95)]
         low, high = min(ends), max(ends)
         if self.incomplete:
-            doubted = [] if self.effects else [end for trial in self._refused for end in trial.fit.interval_95]
+            doubted = [end for trial in self._refused for end in trial.fit.interval_95]
             low, high = min([low, *doubted]), max([high, *doubted])
             # as if what is left were noise of that size
             left = self.left_after

@@ -22,9 +22,8 @@ from ..free import PROFILE_MODES
 from ..noise import Bins
 
 _CHUNK = 4  # columns at once: more would not fit the cache
-_STEPPED_CHUNK = (
-    10  # its steps are many and small: the more directions share one, the better; yet two cores are at hand
-)
+# of a stepped wall, whose steps are many and small: the more share one, the better; yet two cores are at hand
+_STEPPED_CHUNK = 10
 
 
 class Model(eqx.Module):
@@ -97,10 +96,7 @@ def first_order_columns(
         `(column, reading)`.
     """
     count = len(theta)
-    # whole chunks only, so that nothing is compiled anew for another number of columns
-    theta, direction = (
-        np.concatenate([part, np.repeat(part[-1:], -count % _CHUNK, axis=0)]) for part in (theta, direction)
-    )
+    theta, direction = (_whole(part, _CHUNK) for part in (theta, direction))
     course = _base(model, jnp.asarray(base))
     chunks = [
         _first_order(model, bins, course, jnp.asarray(theta[some]), jnp.asarray(direction[some]))
@@ -190,9 +186,9 @@ def linearise(
 _stepped_shapes: set[tuple[object, ...]] = set()
 
 
-def _whole(directions: np.ndarray, chunk: int) -> np.ndarray:
-    """The directions and as many zeros as whole chunks take."""
-    return np.concatenate([directions, np.zeros((-len(directions) % chunk, directions.shape[1]))])
+def _whole(rows: np.ndarray, chunk: int) -> np.ndarray:
+    """The rows, the last repeated up to whole chunks, so that nothing is compiled anew for another number of them."""
+    return np.concatenate([rows, np.repeat(rows[-1:], -len(rows) % chunk, axis=0)])
 
 
 @eqx.filter_jit

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .cells import coefficients, rate
+from .cells import rate
 from .nonlinear import NonlinearWall
 
 _CLOSE = 1e-9  # K, the last of Newton's steps
@@ -75,7 +75,7 @@ def _stage(field: NonlinearWall, t: Array, span: Array, held: Array, near: Array
     would carry a node across a bump of the capacity, it is shortened as far as the heat on its way exceeds what the
     capacity at its beginning would take. NaN where it does not end.
     """
-    (q, _), pace, heat = field.inputs(t), field.factor(t), field.heat
+    (q, _), factor, heat = field.inputs(t), field.factor(t), field.heat
 
     def moving(state: tuple[Array, ...]) -> Array:
         _, moved, rounds = state
@@ -83,9 +83,8 @@ def _stage(field: NonlinearWall, t: Array, span: Array, held: Array, near: Array
 
     def nearer(state: tuple[Array, ...]) -> tuple[Array, ...]:
         T, _, rounds = state
-        conductivity, capacity = field.factors(T, q)
-        matrix = coefficients(field.wall, field.diffusivity * pace * conductivity, capacity)
-        here = heat.content(T)
+        matrix = field.coefficients(factor, T, q)
+        here, capacity = heat.content(T), heat.capacity(T)
         missing = span * rate(field.wall, matrix, T, q) - (here - held) / capacity
         ahead = _solve(-span * matrix[0], 1.0 - span * matrix[1], -span * matrix[2], missing)
         needed = jnp.abs(heat.content(T + ahead) - here)

@@ -54,20 +54,21 @@ class NonlinearWall(eqx.Module):
         conductivity = 1.0 + self.conductivity_slope * middle
         return jnp.maximum(conductivity, LEAST_FACTOR), self.heat.capacity(T)
 
-    def coefficients(self, t: Array, T: Array, q: Array) -> tuple[Array, Array, Array]:
-        """`lower, diagonal, upper` of the rate with the coefficients of this moment."""
+    def coefficients(self, factor: Array, T: Array, q: Array) -> tuple[Array, Array, Array]:
+        """`lower, diagonal, upper` of the rate at these temperatures, with the diffusivity's factor of the moment."""
         conductivity, capacity = self.factors(T, q)
-        return coefficients(self.wall, self.diffusivity * self.factor(t) * conductivity, capacity)
+        return coefficients(self.wall, self.diffusivity * factor * conductivity, capacity)
 
     def __call__(self, t: Any, T: Array, args: Any) -> Array:
         """`dT/dt`."""
-        q, _ = self.inputs(jnp.asarray(t))
-        return rate(self.wall, self.coefficients(jnp.asarray(t), T, q), T, q)
+        t = jnp.asarray(t)
+        q, _ = self.inputs(t)
+        return rate(self.wall, self.coefficients(self.factor(t), T, q), T, q)
 
     def reading(self, t: Array, T: Array) -> tuple[Array, Array]:
         """Temperature and its rate at the sensors."""
         q, q_rate = self.inputs(t)
-        warming = rate(self.wall, self.coefficients(t, T, q), T, q)
+        warming = self(t, T, None)
         return self.wall.state @ T + self.wall.face @ q[:2], self.wall.state @ warming + self.wall.face @ q_rate[:2]
 
 
