@@ -473,4 +473,15 @@ def test_the_score_counts_as_the_targets_say():
         "sensor_lag": 1, "sensor_lag, wrong target": 1, "sensor_position (confusable)": 1,
     }  # fmt: skip
     assert len(list(score.tables(found))) == 3
+    assert [score.counts(one) for one in lines[2:7]] == [True, True, True, True, False]
+    assert not score.counts(line("pairs", "pairs", [lag, position], "named", [], best=100.0))
+    left_out = line("singles", "sensor_lag", [lag], "adequate", [], best=10.0) | {"left_out": True}
+    assert score.summary([*lines, left_out]) == found
     assert score.interval(0, 10) == pytest.approx((0, 0.3085), abs=1e-4)
+
+
+def test_a_record_that_no_rate_counts_is_left_out_when_asked():
+    spec = wall(("sensor_offset", "T1", {"offset": 1e-4}), days=14.0)
+    outcome = score.run(score.Job("key", "singles", "sensor_offset", spec), counted_only=True)
+    assert outcome["left_out"] and "verdict" not in outcome
+    assert outcome["best"]["free"] < score.SEEN

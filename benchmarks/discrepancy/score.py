@@ -79,8 +79,11 @@ def _ready() -> None:
     jax.config.update("jax_enable_x64", True)
 
 
-def run(job: Job) -> dict:
-    """The outcome of one record, or `error` with the last of its traceback."""
+def run(job: Job, counted_only: bool = False) -> dict:
+    """The outcome of one record, or `error` with the last of its traceback.
+
+    With `counted_only` a record that no rate counts is left out: its effects are not there to be seen.
+    """
     spec = job.spec
     line = {
         "key": job.key,
@@ -92,6 +95,8 @@ def run(job: Job) -> dict:
     }
     try:
         line["best"] = identifiability(spec)
+        if counted_only and not counts(line):
+            return line | {"left_out": True}
         with tempfile.TemporaryDirectory() as folder:
             line["truth"] = write_case(spec, folder)["truth"]["diffusivity"]
             import wallid
@@ -155,6 +160,22 @@ def first_right(line: dict) -> bool:
     return line["verdict"] == "named" and _labels(line)[:1] == _hidden(line)[:1]
 
 
+def clear(line: dict) -> bool:
+    """What is hidden can be told from every rival, each effect of it."""
+    return line["best"]["rivals"] >= CLEAR
+
+
+def seen(line: dict) -> bool:
+    """What is hidden can be told from what is free in the plain model."""
+    return line["best"]["free"] >= SEEN
+
+
+def counts(line: dict) -> bool:
+    """A rate of the table counts this record."""
+    family = line["family"]
+    return family == "nulls" or (seen(line) if family == "singles" else clear(line))
+
+
 def _inside(line: dict) -> bool:
     low, high = line["diffusivity"]["interval_95"]
     return low <= line["truth"] <= high
@@ -172,18 +193,18 @@ def _excess(line: dict) -> float | None:
 
 def summary(lines: list[dict]) -> dict:
     """Every figure of the table, from the log's lines."""
-    done = [line for line in lines if "error" not in line]
+    tried = [line for line in lines if "left_out" not in line]
+    done = [line for line in tried if "error" not in line]
     of = {family: [line for line in done if line["family"] == family] for family in Counter(x["family"] for x in done)}
     single, pair = of.get("singles", []), of.get("pairs", [])
-    clear = [line for line in single if line["best"]["rivals"] >= CLEAR]
-    seen = [line for line in single if line["best"]["free"] >= SEEN]
-    right = [line for line in seen if named_right(line)]
-    both = [line for line in pair if min(one["rivals"] for one in line["best"]["each"]) >= CLEAR]
-    beyond = [line for line in of.get("outside", []) if line["best"]["rivals"] >= CLEAR]
+    plain, shown = [line for line in single if clear(line)], [line for line in single if seen(line)]
+    right = [line for line in shown if named_right(line)]
+    both = [line for line in pair if clear(line)]
+    beyond = [line for line in of.get("outside", []) if clear(line)]
     told = [line for line in right if line["best"]["free"] <= TOLD]
     ratios = [e["expected_gain"] / e["gain"] for line in told for e in line["effects"][:1] if e["gain"]]
     excess = [value for value in map(_excess, right) if value is not None]
-    named = [len(_names(line)) for line in seen if line["verdict"] in ("named", "confusable")]
+    named = [len(_names(line)) for line in shown if line["verdict"] in ("named", "confusable")]
     figures = {
         f"false alarm on nulls, {noise}": _rate(
             line["verdict"] in ALARMS for line in of.get("nulls", []) if line["kind"] == noise
@@ -191,9 +212,9 @@ def summary(lines: list[dict]) -> dict:
         for noise in NOISES
     }
     figures |= {
-        "single effects, clear of rivals: first name right": _rate(first_right(line) for line in clear),
-        "the same, and no other name": _rate(named_right(line) for line in clear),
-        "single effects, seen: among name and alternatives": _rate(_hidden(line)[0] in _names(line) for line in seen),
+        "single effects, clear of rivals: first name right": _rate(first_right(line) for line in plain),
+        "the same, and no other name": _rate(named_right(line) for line in plain),
+        "single effects, seen: among name and alternatives": _rate(_hidden(line)[0] in _names(line) for line in shown),
         "names in the median": {"median": float(np.median(named)) if named else None, "count": len(named)},
         "both of a hidden pair, each clear": _rate(set(_hidden(line)) <= set(_labels(line)) for line in both),
         "outside the library, clear: unnamed": _rate(line["verdict"] == "unnamed" for line in beyond),
@@ -202,8 +223,8 @@ def summary(lines: list[dict]) -> dict:
         "expected over real gain": _quantiles(ratios),
         "seconds a record": _quantiles([line["seconds"] for line in done]),
     }
-    figures["crashes"] = {"count": len(lines) - len(done), "of": len(lines)}
-    return {"figures": figures, "verdicts": _verdicts(of), "confusion": _confusion(single), "clear": _by_name(clear)}
+    figures["crashes"] = {"count": len(tried) - len(done), "of": len(tried)}
+    return {"figures": figures, "verdicts": _verdicts(of), "confusion": _confusion(single), "clear": _by_name(plain)}
 
 
 def _quantiles(values: list[float]) -> dict:
@@ -250,7 +271,7 @@ def _confusion(lines: list[dict]) -> dict:
     """What was answered to each effect that the free parameters do not hide."""
     table: dict[str, Counter] = defaultdict(Counter)
     for line in lines:
-        if line["best"]["free"] >= SEEN:
+        if seen(line):
             table[line["kind"]][_said(line)] += 1
     return {name: dict(table[name].most_common()) for name in EFFECTS if name in table}
 
@@ -345,6 +366,9 @@ def main() -> None:
     parser.add_argument("--family", choices=["nulls", "singles", "pairs", "outside", "all"], default="all")
     parser.add_argument("--kind", help="only records of this noise or effect")
     parser.add_argument("--seed", type=int, default=SCORING[0], help="of the scoring or the tuning seeds")
+    parser.add_argument(
+        "--counted", action="store_true", help="only records that a rate counts: what is hidden is there to be seen"
+    )
     parser.add_argument("--tuning", action="store_true", help="the first tuning seed")
     parser.add_argument("--log", type=Path, help="JSON lines, appended to and resumed from")
     parser.add_argument("--json", type=Path, help="where to write the figures")
@@ -359,7 +383,7 @@ def main() -> None:
         f"this run {seed} ({'scoring' if seed in SCORING else 'tuning'}); log {log}"
     )
     wanted = [job for job in jobs(families, chosen.records, seed) if chosen.kind in (None, job.kind)]
-    known = _log(log)
+    known = {key: line for key, line in _log(log).items() if chosen.counted or "left_out" not in line}
     lines = [known[job.key] for job in wanted if job.key in known]
     todo = [job for job in wanted if job.key not in known]
 
@@ -371,7 +395,7 @@ def main() -> None:
         open(log, "a", encoding="utf-8") as file,
     ):
         task = progress.add_task("records", total=len(wanted), completed=len(lines))
-        for future in as_completed([pool.submit(run, job) for job in todo]):
+        for future in as_completed([pool.submit(run, job, chosen.counted) for job in todo]):
             line = future.result()
             lines.append(line)
             file.write(json.dumps(line, default=_plain) + "\n")
