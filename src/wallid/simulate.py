@@ -5,7 +5,6 @@ The inputs are straight lines between their rows; the default solver takes one e
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from typing import Literal
 
@@ -16,11 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, ScalarLike
 
-from .exponential import Exponential, Flow, State, StepMap, outputs, step_map, times
+from .exponential import Exponential, Flow, State, outputs, step_map
+from .recurrence import in_blocks, in_turn
 from .statespace import StateSpace
 
-_STRETCH = 4096  # rows
-_FEW = 16  # states: below, sums are cheaper than a product of thin matrices
+_STRETCH = 4096  # rows, whole blocks of them
 
 ArrayLike = Array | np.ndarray
 
@@ -147,7 +146,7 @@ def _propagate(
 ) -> tuple[Outputs, Outputs | None]:
     exact = step_map(system, fourier, step, sensitivity=sensitivity)
     start = _initial_state(system, initial, sensitivity)
-    pass_through = partial(_in_lanes if system.is_diagonal else _in_turn, system, exact)
+    pass_through = partial(in_blocks if system.is_diagonal else in_turn, system, exact)
     parts = [jax.tree.map(lambda row: row[None], outputs(system, start, inputs[0]))]
     whole = (inputs.shape[0] - 1) // _STRETCH * _STRETCH
     if whole:
@@ -159,68 +158,6 @@ def _propagate(
     if inputs.shape[0] - 1 > whole:
         parts.append(pass_through(start, inputs[whole:])[1])
     return jax.tree.map(lambda *rows: jnp.concatenate(rows), *parts)
-
-
-Pair = tuple[Array, Array | None]
-"""Of x and of theta, in any shape."""
-
-Stretch = tuple[State, Pair]
-
-
-def _in_turn(system: StateSpace, exact: StepMap, state: State, inputs: Array) -> Stretch:
-    """The last state, and the outputs at every row but the first, one row after the other."""
-    drives = exact.drive(inputs[:-1], inputs[1:])
-    state, states = jax.lax.scan(lambda now, drive: (moved := exact.move(now, drive), moved), state, drives)
-    return state, _outputs(system, states, inputs[1:])
-
-
-def _in_lanes(system: StateSpace, exact: StepMap, state: State, inputs: Array) -> Stretch:
-    """The same for a diagonal model, in some square root of the rows' number of lanes side by side.
-
-    Each lane is a run of consecutive rows from rest; then the lanes' first states follow from each other, and what they
-    add at a row is linear in them: at row n of a lane `E^n x_0` and `E^n theta_0 + (E^n)' x_0`. That takes twice the
-    square root of the steps in turn, each wide enough for a processor's vector units.
-    """
-    rows = inputs.shape[0] - 1
-    lanes = math.isqrt(rows)
-    length = -(-rows // lanes)
-    held = jnp.concatenate([inputs, jnp.broadcast_to(inputs[-1:], (lanes * length - rows, inputs.shape[1]))])
-    before, after = (part.reshape(lanes, length, -1).swapaxes(0, 1) for part in (held[:-1], held[1:]))
-    rest = jax.tree.map(lambda part: jnp.zeros((lanes, *part.shape)), state)
-    one = jnp.ones_like(exact.E)
-    powers = (one, None if exact.E_theta is None else jnp.zeros_like(one))
-    still = jax.tree.map(jnp.zeros_like, powers)
-
-    def step(now: tuple[Pair, Pair], q: tuple[Array, Array]) -> tuple[tuple[Pair, Pair], tuple[Pair, Pair]]:
-        """All lanes a row on; what the inputs add is made here: kept for all rows it would fill the cache."""
-        moved = exact.advance(now[0], *q), exact.move(now[1], still)
-        return moved, moved
-
-    _, (from_rest, power) = jax.lax.scan(step, (rest, powers), (before, after))
-    power = jax.tree.map(lambda part: part[:, None], power)
-    lane, ends_from_rest = jax.tree.map(lambda part: part[-1, 0], power), jax.tree.map(lambda part: part[-1], from_rest)
-    _, firsts = jax.lax.scan(lambda now, end: (_from(lane, now, end), now), state, ends_from_rest)
-    states = _from(power, firsts, from_rest)
-    by_lane = _outputs(system, states, after)
-    in_order = jax.tree.map(lambda part: part.swapaxes(0, 1).reshape(lanes * length, -1)[:rows], by_lane)
-    last = divmod(rows - 1, length)[::-1]
-    return jax.tree.map(lambda part: part[last], states), in_order
-
-
-def _from(power: Pair, first: Pair, from_rest: Pair) -> Pair:
-    """The states some steps after `first`, by the powers of the step and the states from rest under the same inputs."""
-    (E, E_theta), (x, theta) = power, first
-    if theta is None or E_theta is None or from_rest[1] is None:
-        return E * x + from_rest[0], None
-    return E * x + from_rest[0], E * theta + E_theta * x + from_rest[1]
-
-
-def _outputs(system: StateSpace, states: Pair, inputs: Array) -> Pair:
-    """`outputs` of many rows at once."""
-    x, theta = states
-    apply = times if system.order <= _FEW else lambda matrix, rows: rows @ matrix.T
-    u = apply(system.C, x) + times(system.D, inputs)
-    return u, None if theta is None else apply(system.C if system.C_theta is None else system.C_theta, theta)
 
 
 Integrator = Literal["propagator", "diffrax"]

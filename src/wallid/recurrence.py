@@ -1,0 +1,127 @@
+"""The exact step of a model over many rows at once."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .exponential import State, StepMap, times
+from .statespace import StateSpace
+
+_FEW = 16  # states: below, sums are cheaper than products of thin matrices
+
+Stretch = tuple[State, tuple[Array, Array | None]]
+"""The state at the last row; u and theta at every row but the first, theta None without the sensitivity."""
+
+
+def in_turn(system: StateSpace, exact: StepMap, state: State, inputs: Float[Array, "time input"]) -> Stretch:
+    """One row after the other: for any model."""
+    drives = exact.drive(inputs[:-1], inputs[1:])
+    state, (x, theta) = jax.lax.scan(lambda now, drive: (moved := exact.move(now, drive), moved), state, drives)
+    apply = times if system.order <= _FEW else lambda matrix, rows: rows @ matrix.T
+    u = apply(system.C, x) + times(system.D, inputs[1:])
+    return state, (u, None if theta is None else apply(_theta_outputs(system), theta))
+
+
+def in_blocks(system: StateSpace, exact: StepMap, state: State, inputs: Float[Array, "time input"]) -> Stretch:
+    """In blocks of rows, for a diagonal model: theta is the tangent of u that the step's own derivative by Fo makes.
+
+    The state is the last row's where the rows are whole blocks, so where their number is a large power of two.
+    """
+    run = partial(_in_blocks, inputs, _block_length(inputs.shape[0] - 1, system.order))
+    x, theta = state
+    step, derivative = (exact.E, exact.W0, exact.W1, x), (exact.E_theta, exact.V0, exact.V1, theta)
+    if theta is None:
+        x, u = run(system.C, *step)
+        y = None
+    elif system.C_theta is None:
+        (x, u), (theta, y) = jax.jvp(partial(run, system.C), step, derivative)
+    else:
+        _, u = run(system.C, *step)
+        (x, _), (theta, y) = jax.jvp(partial(run, system.C_theta), step, derivative)
+    return (x, theta), (u + times(system.D, inputs[1:]), y)
+
+
+def _block_length(rows: int, order: int) -> int:
+    """As measured: long blocks take larger products and longer compiling, short ones more steps in turn."""
+    if rows <= 128:
+        return 2
+    if rows <= 1024:
+        return 4
+    return 8 if order <= _FEW else 16
+
+
+def _in_blocks(
+    inputs: Float[Array, "time input"],
+    length: int,
+    C: Float[Array, "output node"],
+    E: Float[Array, " node"],
+    W0: Float[Array, "node input"],
+    W1: Float[Array, "node input"],
+    x: Float[Array, " node"],
+) -> tuple[Float[Array, " node"], Float[Array, "later output"]]:
+    """The state at the last block's end and `C x` at every row but the first.
+
+    For `z = x - W1 q` a step takes one row of inputs,
+
+        z_k+1 = E z_k + b q_k,      b = W0 + E W1,      C x_k = C z_k + C W1 q_k
+
+    What a block's inputs add to its outputs and to the state at its end, and what its first state adds, are products
+    of matrices, the same for all blocks; only the blocks' first states follow from each other.
+    """
+    rows, width = inputs.shape[0] - 1, inputs.shape[1]
+    count = -(-rows // length)
+    driving = _lengthened(inputs[:-1], count * length).reshape(count, length * width)
+
+    power = jnp.stack([jnp.ones_like(E), E])
+    while power.shape[0] <= length:
+        power = jnp.concatenate([power, power[-1] * power[1:]])
+    response = power[:-1, :, None] * (W0 + E[:, None] * W1)  # of z to a unit of input, one row later and on
+    to_the_end = response[::-1].swapaxes(1, 2).reshape(length * width, -1)
+    first, last = _first_states(power[-1], driving @ to_the_end, x - times(W1, inputs[0]))
+
+    direct, *lagged = (C[:, :, None] * jnp.concatenate([W1[None], response])[:, None]).sum(axis=2)
+    later = np.arange(length) - np.arange(length)[:, None]
+    convolve = jnp.where((later >= 0)[..., None, None], jnp.stack(lagged)[np.maximum(later, 0)], 0.0)
+    convolve = convolve.transpose(0, 3, 1, 2).reshape(length * width, -1)  # driven, input; seen, output
+    observe = (power[1:, None] * C).reshape(-1, C.shape[1]).T
+    seen = jnp.concatenate([driving, first], axis=1) @ jnp.concatenate([convolve, observe])
+    return last + times(W1, inputs[-1]), seen.reshape(count * length, -1)[:rows] + times(direct, inputs[1:])
+
+
+def _first_states(
+    E: Float[Array, " node"], added: Float[Array, "block node"], x: Float[Array, " node"]
+) -> tuple[Float[Array, "block node"], Float[Array, " node"]]:
+    """The first state of each block and the state past the last, `x_b+1 = E x_b + added_b`.
+
+    In some square root of the blocks' number of lanes side by side: each from rest, then the lanes' first states follow
+    from each other, and what these add n blocks on is `E^n` times them.
+    """
+    count = added.shape[0]
+    lanes = math.isqrt(count) + 1
+    length = -(-(count + 1) // lanes)
+    in_lanes = _lengthened(added, lanes * length).reshape(lanes, length, -1).swapaxes(0, 1)
+
+    def on(now: tuple[Array, Array], added: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """All lanes a block on, and the power of `E`."""
+        return (E * now[0] + added, E * now[1]), now
+
+    rest = jnp.zeros((lanes, E.shape[0])), jnp.ones_like(E)
+    (ends, whole), (from_rest, power) = jax.lax.scan(on, rest, in_lanes)
+    _, firsts = jax.lax.scan(lambda now, end: (whole * now + end, now), x, ends)
+    states = (from_rest + power[:, None] * firsts).swapaxes(0, 1).reshape(lanes * length, -1)
+    return states[:count], states[count]
+
+
+def _lengthened(rows: Float[Array, "few column"], count: int) -> Float[Array, "many column"]:
+    """The rows, and zeros up to `count`."""
+    return jnp.concatenate([rows, jnp.zeros((count - rows.shape[0], rows.shape[1]))])
+
+
+def _theta_outputs(system: StateSpace) -> Float[Array, "output node"]:
+    return system.C if system.C_theta is None else system.C_theta
