@@ -119,7 +119,9 @@ class _TracedState(eqx.Module):
 
 
 class GaussNewton(optx.AbstractLeastSquaresSolver):
-    """Gauss-Newton with the paper's two criteria and a trace of its iterates (in `stats`).
+    """Gauss-Newton with the paper's two criteria.
+
+    In `stats`: the `trace` of its iterates; `residual`, `jacobian` and `aux` at the last of them.
 
     Arguments:
         eta_1, eta_2: it goes on while both relative changes are at least these.
@@ -185,12 +187,14 @@ class GaussNewton(optx.AbstractLeastSquaresSolver):
         return state.stop, state.inner.result
 
     def postprocess(self, fn, y, aux, args, options, state, tags, result):
-        """Hand out the trace."""
-        return y, aux, {"trace": state.trace}
+        """Hand out the trace, and what the last accepted evaluation found: nothing is evaluated again for it."""
+        at = state.inner
+        found = {"residual": at.f_info.residual, "jacobian": at.f_info.jac.as_matrix(), "aux": at.aux}
+        return y, aux, {"trace": state.trace, **found}
 
 
 def search(
-    residual: Callable[[Any, Any], Array],
+    residual: Callable[[Any, Any], tuple[Array, Any]],
     first: Float[Array, " param"],
     args: Any,
     *,
@@ -199,9 +203,10 @@ def search(
     upper: Float[Array, ""],
     max_iterations: int,
 ) -> optx.Solution:
-    """The iteration on `residual(y, args)` from `first`, through optimistix; its trace is in `stats["trace"]`.
+    """The iteration on `residual(y, args)` from `first`, through optimistix; for its `stats` see `GaussNewton`.
 
     Arguments:
+        residual: gives the residual, and what else is wanted at the minimum (`stats["aux"]`).
         eta: the stopping criterion on the diffusivity; its square is that on the cost.
         lower, upper: of ln(alpha/alpha_0).
     """
@@ -213,7 +218,8 @@ def search(
         upper=upper,
         longest_trace=max_iterations,
     )
-    return optx.least_squares(residual, solver, first, args=args, max_steps=max_iterations + 1, throw=False)
+    steps = max_iterations + 1
+    return optx.least_squares(residual, solver, first, args=args, has_aux=True, max_steps=steps, throw=False)
 
 
 def relative_change(y_new: Float[Array, " param"], y: Float[Array, " param"]) -> Float[Array, ""]:

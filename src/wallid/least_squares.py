@@ -12,7 +12,6 @@ Source: Berger and Kadoch, Section 4.2.
 from __future__ import annotations
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
@@ -67,10 +66,11 @@ class Problem(eqx.Module):
             u = run(self.system, fourier, self.data.starting_from(initial), integrator=self.integrator)[0]
         return self.data.celsius(u) + offset
 
-    def residual(self, y: Float[Array, " param"]) -> Float[Array, " reading"]:
-        """The weighted misfit of every reading, then of every offset's prior."""
-        misfit = self.data.weight * (self.predicted(y) - self.data.observed)
-        return jnp.concatenate([misfit.reshape(-1), y[1:]])
+    def residual(self, y: Float[Array, " param"]) -> tuple[Float[Array, " reading"], Float[Array, "time sensor"]]:
+        """The weighted misfit of every reading, then of every offset's prior; and the predicted temperatures."""
+        predicted = self.predicted(y)
+        misfit = self.data.weight * (predicted - self.data.observed)
+        return jnp.concatenate([misfit.reshape(-1), y[1:]]), predicted
 
 
 def searched(problem: Problem, eta: Float[Array, ""], max_iterations: int) -> optx.Solution:
@@ -107,19 +107,18 @@ def fit_experiment(
     """
     problem = Problem(system, data, fourier_per_alpha, start, explicit_theta, integrator)
     solution = searched(problem, eta, max_iterations)
-    y = solution.value
-    trace = solution.stats["trace"]
+    stats = solution.stats
+    trace, predicted = stats["trace"], stats["aux"]
     trace = eqx.tree_at(
         lambda t: t.parameters, trace, trace.parameters.at[:, 0].set(start * jnp.exp(trace.parameters[:, 0]))
     )
-    predicted = problem.predicted(y)
     return Fit(
-        parameters=y,
+        parameters=solution.value,
         trace=trace,
         residual=data.observed - predicted,
         predicted=predicted,
-        jacobian=jax.jacfwd(problem.residual)(y),
-        evaluations=solution.stats["num_steps"],
+        jacobian=stats["jacobian"],
+        evaluations=stats["num_steps"],
         converged=solution.result == optx.RESULTS.successful,
     )
 

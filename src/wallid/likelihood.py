@@ -116,13 +116,14 @@ class Problem(eqx.Module):
         through = scale * (u + (shaped + added) / data.temperature)[:, sensors:]
         return jnp.concatenate([inside, through], axis=1)
 
-    def binned(self, y: Float[Array, " param"]) -> Float[Array, " reading"]:
-        """The readings in their bins, degC, 0 in an empty one."""
-        return self.bins.mean(self.predicted(y))
+    def binned(self, y: Float[Array, " param"]) -> tuple[Float[Array, " reading"], Float[Array, "time sensor"]]:
+        """The readings in their bins, degC, 0 in an empty one; and the readings at the rows."""
+        predicted = self.predicted(y)
+        return self.bins.mean(predicted), predicted
 
     def residual(self, y: Float[Array, " param"]) -> Float[Array, " row"]:
         """The whitened misfit, then the priors' rows."""
-        return jnp.concatenate([self.whiten @ (self.binned(y) - self.observed), y[1:]])
+        return jnp.concatenate([self.whiten @ (self.binned(y)[0] - self.observed), y[1:]])
 
 
 class Minimum(eqx.Module):
@@ -145,22 +146,22 @@ class Minimum(eqx.Module):
 @eqx.filter_jit
 def minimise(problem: Problem, first: Float[Array, " param"], eta: Float[Array, ""], max_iterations: int) -> Minimum:
     """Gauss-Newton from `first`; one compilation for all windows of a shape."""
-    y, trace, converged = _search(problem, first, eta, max_iterations)
-    jacobian = jax.jacfwd(problem.binned)(y)
+    solution = _search(problem, first, eta, max_iterations)
+    jacobian, predicted = jax.jacfwd(problem.binned, has_aux=True)(solution.value)
     return Minimum(
-        parameters=y,
-        trace=trace,
-        predicted=problem.predicted(y),
-        left=problem.observed - problem.binned(y),
+        parameters=solution.value,
+        trace=solution.stats["trace"],
+        predicted=predicted,
+        left=problem.observed - problem.bins.mean(predicted),
         jacobian=jacobian,
-        cost=jnp.sum(problem.residual(y) ** 2),
-        converged=converged,
+        cost=jnp.sum(solution.stats["residual"] ** 2),
+        converged=solution.result == optx.RESULTS.successful,
     )
 
 
-def _search(problem: Problem, first: Array, eta: Array, max_iterations: int) -> tuple[Array, Trace, Array]:
-    solution = search(
-        lambda y, problem: problem.residual(y),
+def _search(problem: Problem, first: Array, eta: Array, max_iterations: int) -> optx.Solution:
+    return search(
+        lambda y, problem: (problem.residual(y), None),
         first,
         problem,
         eta=eta,
@@ -168,7 +169,6 @@ def _search(problem: Problem, first: Array, eta: Array, max_iterations: int) -> 
         upper=jnp.log(problem.highest / problem.start),
         max_iterations=max_iterations,
     )
-    return solution.value, solution.stats["trace"], solution.result == optx.RESULTS.successful
 
 
 @eqx.filter_jit
@@ -181,10 +181,12 @@ def profile(problem: Problem, log_alpha: Float[Array, " point"]) -> Float[Array,
     """
 
     def linear(log: Array, z: Array) -> tuple[Array, Array]:
-        def residual(z: Array) -> Array:
-            return problem.residual(jnp.concatenate([log[None], z]))
+        def residual(z: Array) -> tuple[Array, Array]:
+            at = problem.residual(jnp.concatenate([log[None], z]))
+            return at, at
 
-        return residual(z), jax.jacfwd(residual)(z)
+        rest, at = jax.jacfwd(residual, has_aux=True)(z)
+        return at, rest
 
     def cost(log: Array) -> Array:
         z = jnp.zeros(problem.free.count)
@@ -221,9 +223,9 @@ def resample(
         noise, errors = jax.random.split(key)
         truth = jnp.where(constant, jax.random.normal(errors, parameters.shape), parameters)
         size = problem.observed.shape
-        observed = problem.binned(truth) + covariance_root @ jax.random.normal(noise, size)
+        observed = problem.binned(truth)[0] + covariance_root @ jax.random.normal(noise, size)
         drawn = eqx.tree_at(lambda p: p.observed, problem, jnp.where(_present(problem), observed, 0.0))
-        return _search(drawn, parameters, jnp.asarray(_BOOTSTRAP_ETA), _BOOTSTRAP_STEPS)[0][0]
+        return _search(drawn, parameters, jnp.asarray(_BOOTSTRAP_ETA), _BOOTSTRAP_STEPS).value[0]
 
     return jax.lax.map(one, jax.random.split(key, draws))
 

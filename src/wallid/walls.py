@@ -8,7 +8,6 @@ synthetic records; the interval that can be believed is `estimate`'s, wall by wa
 from __future__ import annotations
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import optimistix as optx
 from jax.sharding import Mesh
@@ -82,10 +81,9 @@ def _one(arrays: tuple, static: tuple, eta: Float[Array, ""]) -> dict[str, Array
     system, data, fourier_per_alpha, start = eqx.combine(arrays, static)
     problem = Problem(system, data, fourier_per_alpha, start, True, "propagator")
     solution = searched(problem, eta, _ITERATIONS)
-    residual, slopes = jax.linearize(problem.residual, solution.value)
-    jacobian = jax.vmap(slopes)(jnp.eye(solution.value.size))
+    residual, jacobian = solution.stats["residual"], solution.stats["jacobian"]
     # offsets projected out: what is left of the diffusivity's column when it is cleared of theirs
-    own, others = jacobian[0], jacobian[1:]
+    own, others = jacobian[:, 0], jacobian[:, 1:].T
     if data.offsets:
         own = own - others.T @ jnp.linalg.solve(others @ others.T, others @ own)
     information = jnp.sum(own**2)
