@@ -85,13 +85,15 @@ def _in_blocks(
     to_the_end = response[::-1].swapaxes(1, 2).reshape(length * width, -1)
     first, last = _first_states(power[-1], driving @ to_the_end, x - times(W1, inputs[0]))
 
-    direct, *lagged = (C[:, :, None] * jnp.concatenate([W1[None], response])[:, None]).sum(axis=2)
     later = np.arange(length) - np.arange(length)[:, None]
-    convolve = jnp.where((later >= 0)[..., None, None], jnp.stack(lagged)[np.maximum(later, 0)], 0.0)
-    convolve = convolve.transpose(0, 3, 1, 2).reshape(length * width, -1)  # driven, input; seen, output
+    kernel = jnp.einsum("on,kni->kio", C, response)
+    convolve = jnp.where(
+        (later >= 0)[..., None, None], kernel[np.maximum(later, 0)], 0.0
+    )  # driven, seen, input, output
+    convolve = convolve.swapaxes(1, 2).reshape(length * width, -1)
     observe = (power[1:, None] * C).reshape(-1, C.shape[1]).T
-    seen = jnp.concatenate([driving, first], axis=1) @ jnp.concatenate([convolve, observe])
-    return last + times(W1, inputs[-1]), seen.reshape(count * length, -1)[:rows] + times(direct, inputs[1:])
+    seen = (driving @ convolve + first @ observe).reshape(count * length, -1)[:rows]
+    return last + times(W1, inputs[-1]), seen + times(C @ W1, inputs[1:])
 
 
 def _first_states(
