@@ -87,9 +87,8 @@ def _in_blocks(
 
     later = np.arange(length) - np.arange(length)[:, None]
     kernel = jnp.einsum("on,kni->kio", C, response)
-    convolve = jnp.where(
-        (later >= 0)[..., None, None], kernel[np.maximum(later, 0)], 0.0
-    )  # driven, seen, input, output
+    # driven, seen, input, output
+    convolve = jnp.where((later >= 0)[..., None, None], kernel[np.maximum(later, 0)], 0.0)
     convolve = convolve.swapaxes(1, 2).reshape(length * width, -1)
     observe = (power[1:, None] * C).reshape(-1, C.shape[1]).T
     seen = (driving @ convolve + first @ observe).reshape(count * length, -1)[:rows]
