@@ -131,7 +131,13 @@ def test_only_what_changes_with_temperature_or_time_is_not_linear():
 @pytest.mark.parametrize("rain", [(), (0.4 * DAY, 2.0 * DAY)])
 def test_the_scan_stays_within_the_bounds(rain):
     search = Search(
-        places=(0.05, 0.08, 0.1, 0.12, 0.15), length=0.2, duration=5 * DAY, rain=rain, coldest=-4.0, warmest=21.0
+        places=(0.05, 0.08, 0.1, 0.12, 0.15),
+        length=0.2,
+        clear=(0.05, 0.03),
+        duration=5 * DAY,
+        rain=rain,
+        coldest=-4.0,
+        warmest=21.0,
     )
     for effect in library(2, REGRESSORS):
         grid = list(effect.scan(search))
@@ -147,6 +153,8 @@ def test_the_scan_stays_within_the_bounds(rain):
     if rain:
         assert {values["time"] for values in WettingByRain().scan(search)} == set(rain)
     assert any(values["temperature"] == 0.0 for values in PhaseChange().scan(search)), "water freezes at 0 degC"
+    deepest = [FaceDepth(side=side).bounds(FaceDepth.parameters[0], search)[1] for side in ("left", "right")]
+    assert deepest == pytest.approx([0.045, 0.027])
 
 
 def test_interfaces_are_looked_for_between_the_outermost_sensors(plain):

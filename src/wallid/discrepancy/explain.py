@@ -14,7 +14,7 @@ from .explanation import FURTHER, Explanation, Named, Trial
 from .extend import Fit, refit
 from .locate import locate, omnibus_directions
 from .noise import Noise, NoiseModel, estimate_noise
-from .rank import Outlook, Screen, look, screen
+from .rank import Outlook, Screen, look, look_at_forms, same, screen
 from .study import Slot, Study, compile_together, study
 
 RIVAL = 9.0
@@ -22,6 +22,7 @@ RIVAL = 9.0
 _CLEAN = 0.02  # p-value of the omnibus test above which a single effect is not asked for a partner at once
 _MOST_EFFECTS = 2  # where a third is wanted, what is missing is likelier none of the library
 _SINGLES, _PAIRS, _RIVALS = 5, 3, 8
+_FARTHEST, _FORMS = 3, 2
 _NEAR = 0.35  # how far a rival's expected gain may fall short, relative, to be worth a refit
 _CLOSE = 0.2  # the same for an effect in the place of one that has been fitted
 _ROUNDS = 4
@@ -159,7 +160,8 @@ class _Search:
         )
         if not single_stands and not pair_stands:
             return plain
-        likely = [k for k in singles if ranked.gain[k] >= (1 - _NEAR) * top - RIVAL] if single_stands else []
+        near = [k for k in singles if ranked.gain[k] >= (1 - _NEAR) * top - RIVAL]
+        likely = list(dict.fromkeys([*near, *ranked.farthest(FIRST, _FARTHEST)])) if single_stands else []
         double = [pair for pair in pairs if ranked.pair_gain[pair] > top + ranked.threshold(FURTHER)]
         made: list[Fit] = []
         for count, k in enumerate(likely):
@@ -245,17 +247,28 @@ class _Search:
             base = self.without(fit, slot)
             ranked = self.screen(base)
             gain = base.cost - fit.cost
-            likely = [
-                k
-                for k in ranked.likeliest(_RIVALS + 1)
-                if not _same(ranked.candidates[k].slot, slot) and ranked.gain[k] >= (1 - _CLOSE) * gain - RIVAL
-            ]
-            for k in likely[:_RIVALS]:
-                made = self.add(ranked, (k,))
-                self.rivals.append(made)
-                if weighed(made) < weighed(best) and self._acceptable(made):
-                    best = made
+            near = [k for k in ranked.likeliest(_RIVALS + 1) if ranked.gain[k] >= (1 - _CLOSE) * gain - RIVAL]
+            likely = dict.fromkeys([*near[:_RIVALS], *ranked.farthest(FURTHER, _FARTHEST)])
+            made = [self.add(ranked, (k,)) for k in likely if not same(ranked.candidates[k].slot, slot)]
+            self.rivals += made
+            made += self._forms(fit, slot, base)
+            for other in made:
+                if weighed(other) < weighed(best) and self._acceptable(other):
+                    best = other
         return best
+
+    def _forms(self, fit: Fit, slot: Slot, base: Fit) -> list[Fit]:
+        """Other forms of an effect (placed, hourly) where its own leaves something, begun from what is known of it."""
+        forms = [other for other in self.study.slots if other is not slot and same(other, slot)]
+        if not forms or locate(fit).p_value >= _CLEAN:
+            return []
+        named = zip(slot.effect.parameters, slot.indices, strict=True)
+        known = {parameter.name: float(fit.theta[i]) for parameter, i in named if not parameter.is_size}
+        ranked = screen(base, look_at_forms(self.study, base, forms, known), self.random)
+        enough = (1 - _CLOSE) * (base.cost - fit.cost) - RIVAL
+        made = [self.add(ranked, (k,)) for k in ranked.best(_FORMS) if ranked.gain[k] >= enough]
+        # what stood in for the right form may be needless beside it
+        return [*made, *(self.without(other, partner) for other in made for partner in base.active)]
 
     def wanting(self, fit: Fit) -> float:
         """The p-value of what one effect more would explain, where there are as many as are looked for; else 1."""
@@ -300,7 +313,3 @@ def _joint_gain(screened: Screen, chosen: tuple[int, ...]) -> float:
     places = np.array(chosen)
     score = screened.score[places]
     return float(score @ np.linalg.lstsq(screened.cosine[np.ix_(places, places)], score, rcond=None)[0])
-
-
-def _same(one: Slot, other: Slot) -> bool:
-    return (one.effect.name, one.effect.target) == (other.effect.name, other.effect.target)

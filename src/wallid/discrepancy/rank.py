@@ -28,6 +28,7 @@ from .study import Slot, Study
 DRAWS = 2000
 _PAIR_DRAWS = 200
 _COLLINEAR = 1e-3  # 1 - cosine^2 under which two effects are one to this record
+_FAR = 0.15  # of ln(diffusivity)
 _UNSEEN = 1e-6  # share of a derivative that nothing free explains, under which the record cannot show it
 
 
@@ -91,6 +92,12 @@ class Screen:
         """The best candidate of each of the best effects, one per effect, best first."""
         tops = [places[np.argmax(self.gain[places])] for places in self.groups.values()]
         return sorted((int(top) for top in tops), key=lambda top: -self.gain[top])[:count]
+
+    def farthest(self, p: float, count: int) -> list[int]:
+        """The same of those past chance that move the diffusivity so far that one derivative tells little of them."""
+        threshold = self.threshold(p)
+        far = [k for k in self.best(len(self.groups)) if self.gain[k] > threshold and abs(self.shift[k]) > _FAR]
+        return sorted(far, key=lambda k: -abs(self.shift[k]))[:count]
 
     def likeliest(self, count: int) -> list[int]:
         """The same by their gains less the price of the places and hours that they chose."""
@@ -213,12 +220,28 @@ def look(study: Study, base: Fit) -> Outlook:
     needs no more, and a refit is exact.
     """
     active = {(slot.effect.name, slot.effect.target) for slot in base.active}
-    candidates = []
-    for slot in study.slots:
-        if (slot.effect.name, slot.effect.target) not in active:
-            index = {p.name: i for p, i in zip(slot.effect.parameters, slot.indices, strict=True)}
-            for values in slot.effect.scan(study.search):
-                candidates.append(Candidate(slot, {index[name]: value for name, value in values.items()}))
+    slots = [slot for slot in study.slots if (slot.effect.name, slot.effect.target) not in active]
+    return _outlook(study, base, [candidate for slot in slots for candidate in _scanned(study, slot, {})])
+
+
+def look_at_forms(study: Study, base: Fit, forms: list[Slot], known: dict[str, float]) -> Outlook:
+    """The same of some forms of an effect, at the places and hours that are known of it, the rest scanned."""
+    return _outlook(study, base, [candidate for form in forms for candidate in _scanned(study, form, known)])
+
+
+def same(one: Slot, other: Slot) -> bool:
+    """Whether both are forms of one effect on one target."""
+    return (one.effect.name, one.effect.target) == (other.effect.name, other.effect.target)
+
+
+def _scanned(study: Study, slot: Slot, known: dict[str, float]) -> list[Candidate]:
+    """An effect at every place of its scan, but where something of it is known."""
+    index = {p.name: i for p, i in zip(slot.effect.parameters, slot.indices, strict=True)}
+    places = [{index[name]: known.get(name, at) for name, at in row.items()} for row in slot.effect.scan(study.search)]
+    return [Candidate(slot, dict(place)) for place in dict.fromkeys(tuple(place.items()) for place in places)]
+
+
+def _outlook(study: Study, base: Fit, candidates: list[Candidate]) -> Outlook:
     thetas = np.stack([_placed(base.theta, candidate) for candidate in candidates])
     directions = np.eye(study.size)[[candidate.slot.first for candidate in candidates]]
     return Outlook(tuple(candidates), first_order_columns(study.model, study.bins, base.theta, thetas, directions))

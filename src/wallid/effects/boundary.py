@@ -72,8 +72,8 @@ class FaceDepth(_OneFace):
         return terms.add(depth=not_below(self.depth, 0.0) * self._here)
 
     def bounds(self, parameter, search):
-        """No deeper than half the way to the first sensors' span."""
-        return 0.0, 0.5 * search.places[0]
+        """Not as deep as the nearest sensor."""
+        return 0.0, 0.9 * search.clear[SIDES.index(self.side)]
 
 
 class SolarGain(_OneFace):

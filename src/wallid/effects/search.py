@@ -15,6 +15,7 @@ class Search:
 
     Arguments:
         length: of the wall, m.
+        clear: from each face to the sensor nearest to it, m.
         places: candidates for interfaces, m, between the outermost sensors.
         duration: of the record, s.
         rain: when rain events began, s since the first row; empty where no rain was logged.
@@ -22,6 +23,7 @@ class Search:
     """
 
     length: float
+    clear: tuple[float, float]
     places: tuple[float, ...]
     duration: float
     rain: tuple[float, ...]
@@ -41,6 +43,7 @@ def record_search(record: Record, positions: tuple[float, ...], length: float, c
     inner = record.sensors[~np.isnan(record.sensors)] if record.sensors.size else record.faces.ravel()
     return Search(
         length=length,
+        clear=(float(min(positions)), float(length - max(positions))),
         places=tuple(float(place) for place in places),
         duration=record.duration,
         rain=_rain_onsets(record),
