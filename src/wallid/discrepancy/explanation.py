@@ -17,8 +17,8 @@ from .result import result
 from .study import Slot, Study
 from .words import sentence, summary
 
-LEFT_OVER = 5e-3
-"""How often chance may make the omnibus test say that something is left."""
+LEFT_OVER = 1e-3
+"""How often chance may make one test say that something is left; a right name is asked some five."""
 FURTHER = 0.01
 """How often chance may make a further effect, or a pair where no single effect stands out."""
 CHANCE = 0.03
