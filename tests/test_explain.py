@@ -7,6 +7,7 @@ import pytest
 from benchmarks.discrepancy.truth import Hidden, Spec, simulate, write_case
 
 import wallid
+from wallid.discrepancy.compare import cost_outside
 from wallid.discrepancy.explain import _Search
 from wallid.discrepancy.explanation import Trial
 from wallid.discrepancy.extend import refit
@@ -147,6 +148,13 @@ def right_and_near(explained, name, target, parameters, size, **wall):
     return found
 
 
+def test_what_needs_improbable_errors_to_foretell_days_is_no_rival(explained):
+    """Off by 15 mm where 2 were stated: the plain model foretells days about as well, by an error past belief."""
+    found, _ = explained(("sensor_position", "T2", {"shift": 0.015}))
+    assert found.gap.held_out_before < 1.1 * found.gap.held_out_after
+    assert cost_outside(found.before) > cost_outside(found.after) + 30
+
+
 def test_two_hidden_effects_are_both_named(explained):
     hidden = (("solar_gain", "left", {"gain": 0.005}), ("sensor_lag", "T2", {"time_constant": 5400.0}))
     found, _ = explained(*hidden)
@@ -186,7 +194,7 @@ def test_no_name_stands_beside_what_it_does_not_explain(explained):
     found, _ = explained(("solar_gain", "left", {"gain": 0.004}))
     assert found.verdict == "named" and found.incomplete == "" and found.wanting == 1.0
     (named,) = found.effects
-    rest = replace(found, left_after=replace(found.left_after, p_value=1e-3))
+    rest = replace(found, left_after=replace(found.left_after, p_value=1e-4))
     third = replace(found, wanting=1e-3)
     changing = replace(found, effects=(replace(named, windows=replace(named.windows, p_value=1e-4)),))
     missed = replace(found, gap=replace(found.gap, held_out_after=3 * found.gap.floor))

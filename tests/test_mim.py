@@ -163,8 +163,9 @@ def test_orders_learned_together_are_those_learned_alone_and_compile_once(large,
     assert (third.system.order, fifth.system.order) == (3, 5)
     assert third.eps_inf[0] > fifth.eps_inf[0]
     alone = learned[5]
-    for part in ("A", "B", "C", "D", "P"):
-        np.testing.assert_allclose(getattr(fifth.system, part), getattr(alone.system, part), rtol=1e-6, atol=1e-9)
+    for part in ("A", "B", "C", "D", "P"):  # entries pass through zero: of the largest
+        wanted = np.asarray(getattr(alone.system, part))
+        np.testing.assert_allclose(getattr(fifth.system, part), wanted, rtol=0, atol=1e-6 * np.abs(wanted).max())
     np.testing.assert_allclose([*fifth.eps_inf, *fifth.eps_2], [*alone.eps_inf, *alone.eps_2], rtol=1e-6)
     assert fifth.condition == pytest.approx(alone.condition, rel=1e-6)
 
