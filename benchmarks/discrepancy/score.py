@@ -197,7 +197,7 @@ def summary(lines: list[dict]) -> dict:
     done = [line for line in tried if "error" not in line]
     of = {family: [line for line in done if line["family"] == family] for family in Counter(x["family"] for x in done)}
     single, pair = of.get("singles", []), of.get("pairs", [])
-    plain, shown = [line for line in single if clear(line)], [line for line in single if seen(line)]
+    distinct, shown = [line for line in single if clear(line)], [line for line in single if seen(line)]
     right = [line for line in shown if named_right(line)]
     both = [line for line in pair if clear(line)]
     beyond = [line for line in of.get("outside", []) if clear(line)]
@@ -212,8 +212,8 @@ def summary(lines: list[dict]) -> dict:
         for noise in NOISES
     }
     figures |= {
-        "single effects, clear of rivals: first name right": _rate(first_right(line) for line in plain),
-        "the same, and no other name": _rate(named_right(line) for line in plain),
+        "single effects, clear of rivals: first name right": _rate(first_right(line) for line in distinct),
+        "the same, and no other name": _rate(named_right(line) for line in distinct),
         "single effects, seen: among name and alternatives": _rate(_hidden(line)[0] in _names(line) for line in shown),
         "names in the median": {"median": float(np.median(named)) if named else None, "count": len(named)},
         "both of a hidden pair, each clear": _rate(set(_hidden(line)) <= set(_labels(line)) for line in both),
@@ -224,7 +224,7 @@ def summary(lines: list[dict]) -> dict:
         "seconds a record": _quantiles([line["seconds"] for line in done]),
     }
     figures["crashes"] = {"count": len(tried) - len(done), "of": len(tried)}
-    return {"figures": figures, "verdicts": _verdicts(of), "confusion": _confusion(single), "clear": _by_name(plain)}
+    return {"figures": figures, "verdicts": _verdicts(of), "confusion": _confusion(single), "clear": _by_name(distinct)}
 
 
 def _quantiles(values: list[float]) -> dict:

@@ -183,7 +183,7 @@ def outputs(system: StateSpace, state: State, q: Float[Array, " input"]) -> tupl
     u = system.C @ x + system.D @ q
     if theta is None:
         return u, None
-    return u, (system.C if system.C_theta is None else system.C_theta) @ theta
+    return u, system.theta_outputs @ theta
 
 
 class Exponential(diffrax.AbstractSolver):

@@ -25,7 +25,7 @@ def in_turn(system: StateSpace, exact: StepMap, state: State, inputs: Float[Arra
     state, (x, theta) = jax.lax.scan(lambda now, drive: (moved := exact.move(now, drive), moved), state, drives)
     apply = times if system.order <= _FEW else lambda matrix, rows: rows @ matrix.T
     u = apply(system.C, x) + times(system.D, inputs[1:])
-    return state, (u, None if theta is None else apply(_theta_outputs(system), theta))
+    return state, (u, None if theta is None else apply(system.theta_outputs, theta))
 
 
 def in_blocks(system: StateSpace, exact: StepMap, state: State, inputs: Float[Array, "time input"]) -> Stretch:
@@ -39,11 +39,10 @@ def in_blocks(system: StateSpace, exact: StepMap, state: State, inputs: Float[Ar
     if theta is None:
         x, u = run(system.C, *step)
         y = None
-    elif system.C_theta is None:
-        (x, u), (theta, y) = jax.jvp(partial(run, system.C), step, derivative)
     else:
-        _, u = run(system.C, *step)
-        (x, _), (theta, y) = jax.jvp(partial(run, system.C_theta), step, derivative)
+        (x, u), (theta, y) = jax.jvp(partial(run, system.theta_outputs), step, derivative)
+        if system.C_theta is not None:
+            _, u = run(system.C, *step)
     return (x, theta), (u + times(system.D, inputs[1:]), y)
 
 
@@ -122,7 +121,3 @@ def _first_states(
 def _lengthened(rows: Float[Array, "few column"], count: int) -> Float[Array, "many column"]:
     """The rows, and zeros up to `count`."""
     return jnp.concatenate([rows, jnp.zeros((count - rows.shape[0], rows.shape[1]))])
-
-
-def _theta_outputs(system: StateSpace) -> Float[Array, "output node"]:
-    return system.C if system.C_theta is None else system.C_theta

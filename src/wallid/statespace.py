@@ -112,6 +112,11 @@ class StateSpace(eqx.Module):
         """Whether `modal` can turn this model into its modes."""
         return self.is_diagonal or (self.capacity is not None and self.A0 is None)
 
+    @property
+    def theta_outputs(self) -> Float[Array, "output node"]:
+        """The outputs of the sensitivity state: C_theta, or C where there is none of its own."""
+        return self.C if self.C_theta is None else self.C_theta
+
     def apply(self, x: Float[Array, " node"]) -> Float[Array, " node"]:
         """`A x`."""
         return jnp.multiply(self.A, x) if self.is_diagonal else jnp.matmul(self.A, x)

@@ -91,8 +91,7 @@ def cost_outside(fit: Fit) -> float:
     trained = _trained(fit, held)
     binned = study.binned(trained.remainder)
     chosen = np.flatnonzero(_bins_with(study, held))
-    pull = trained.residual[len(trained.residual) - len(trained.free) :]
-    return float(np.sum((whiten_part(fit.noise, chosen) @ binned) ** 2) + np.sum(pull**2))
+    return float(np.sum((whiten_part(fit.noise, chosen) @ binned) ** 2) + np.sum(trained.pull**2))
 
 
 def _bins_with(study: Study, rows: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ RIVAL = 9.0
 _CLEAN = 0.02  # p-value of the omnibus test above which a single effect is not asked for a partner at once
 _MOST_EFFECTS = 2  # where a third is wanted, what is missing is likelier none of the library
 _SINGLES, _PAIRS, _RIVALS = 5, 3, 8
-_FARTHEST, _FORMS = 3, 2
+_FARTHEST, _FORMS = 3, 2  # what moves the diffusivity far; other forms of an effect
 _NEAR = 0.35  # how far a rival's expected gain may fall short, relative, to be worth a refit
 _CLOSE = 0.2  # the same for an effect in the place of one that has been fitted
 _ROUNDS = 4
@@ -246,10 +246,12 @@ class _Search:
         for slot in fit.active:
             base = self.without(fit, slot)
             ranked = self.screen(base)
-            gain = base.cost - fit.cost
-            near = [k for k in ranked.likeliest(_RIVALS + 1) if ranked.gain[k] >= (1 - _CLOSE) * gain - RIVAL]
-            likely = dict.fromkeys([*near[:_RIVALS], *ranked.farthest(FURTHER, _FARTHEST)])
-            made = [self.add(ranked, (k,)) for k in likely if not same(ranked.candidates[k].slot, slot)]
+            near = [k for k in ranked.likeliest(_RIVALS + 1) if ranked.gain[k] >= _comparable(base, fit)]
+            near, far = (
+                [k for k in found if not same(ranked.candidates[k].slot, slot)]
+                for found in (near, ranked.farthest(FURTHER, _FARTHEST))
+            )
+            made = [self.add(ranked, (k,)) for k in dict.fromkeys([*near[:_RIVALS], *far])]
             self.rivals += made
             made += self._forms(fit, slot, base)
             for other in made:
@@ -265,8 +267,7 @@ class _Search:
         named = zip(slot.effect.parameters, slot.indices, strict=True)
         known = {parameter.name: float(fit.theta[i]) for parameter, i in named if not parameter.is_size}
         ranked = screen(base, look_at_forms(self.study, base, forms, known), self.random)
-        enough = (1 - _CLOSE) * (base.cost - fit.cost) - RIVAL
-        made = [self.add(ranked, (k,)) for k in ranked.best(_FORMS) if ranked.gain[k] >= enough]
+        made = [self.add(ranked, (k,)) for k in ranked.best(_FORMS) if ranked.gain[k] >= _comparable(base, fit)]
         # what stood in for the right form may be needless beside it
         return [*made, *(self.without(other, partner) for other in made for partner in base.active)]
 
@@ -313,3 +314,8 @@ def _joint_gain(screened: Screen, chosen: tuple[int, ...]) -> float:
     places = np.array(chosen)
     score = screened.score[places]
     return float(score @ np.linalg.lstsq(screened.cosine[np.ix_(places, places)], score, rcond=None)[0])
+
+
+def _comparable(base: Fit, fit: Fit) -> float:
+    """The expected gain over the base from which a refit may come near what the fit gains, in -2 log L."""
+    return (1 - _CLOSE) * (base.cost - fit.cost) - RIVAL

@@ -96,6 +96,11 @@ class Fit:
         """Measured minus predicted at the rows, K; NaN where missing."""
         return self.study.record.sensors - self.predicted
 
+    @property
+    def pull(self) -> np.ndarray:
+        """Of the priors on the free parameters, in their standard deviations."""
+        return self.residual[-len(self.free) :]
+
     def in_kelvin(self) -> tuple[np.ndarray, np.ndarray]:
         """Jacobian and residual of the binned readings, before whitening and without the priors' rows."""
         W = self.noise.whiten

@@ -219,8 +219,7 @@ def look(study: Study, base: Fit) -> Outlook:
     To first order about the base's linear part, whose temperatures differ little from the base's own: a ranking
     needs no more, and a refit is exact.
     """
-    active = {(slot.effect.name, slot.effect.target) for slot in base.active}
-    slots = [slot for slot in study.slots if (slot.effect.name, slot.effect.target) not in active]
+    slots = [slot for slot in study.slots if not any(same(slot, other) for other in base.active)]
     return _outlook(study, base, [candidate for slot in slots for candidate in _scanned(study, slot, {})])
 
 
