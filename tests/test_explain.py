@@ -7,7 +7,7 @@ import pytest
 from benchmarks.discrepancy.truth import Hidden, Spec, simulate, write_case
 
 import wallid
-from wallid.discrepancy.compare import cost_outside
+from wallid.discrepancy.compare import cost_outside, held_out
 from wallid.discrepancy.explain import _Search
 from wallid.discrepancy.explanation import Trial
 from wallid.discrepancy.extend import refit
@@ -108,6 +108,8 @@ PLACED = ("heat_source", None, {"rate": -4e-4, "place": 0.3, "hours": [7.0, 13.0
         PLACED,
         # past half the way to the first sensor
         ("face_depth", "left", {"depth": 0.04}, "depth", {}),
+        # no other days tell of a rain on a day that would be held out
+        ("wetting", None, {"jump": 0.5, "time_constant": 1.2e5, "time": 4.2 * 86400.0}, "jump", {}),
     ],
 )  # fmt: skip
 def test_what_one_derivative_tells_little_of_is_named_all_the_same(explained, name, target, parameters, size, wall):
@@ -152,7 +154,19 @@ def test_what_needs_improbable_errors_to_foretell_days_is_no_rival(explained):
     """Off by 15 mm where 2 were stated: the plain model foretells days about as well, by an error past belief."""
     found, _ = explained(("sensor_position", "T2", {"shift": 0.015}))
     assert found.gap.held_out_before < 1.1 * found.gap.held_out_after
-    assert cost_outside(found.before) > cost_outside(found.after) + 30
+    held = held_out(found.study)
+    assert cost_outside(found.before, held) > cost_outside(found.after, held) + 30
+
+
+def test_a_record_too_short_to_hold_days_out_is_explained_all_the_same(tmp_path):
+    write_case(replace(PLAIN, days=2.8, effects=(Hidden("solar_gain", "left", {"gain": 0.004}),)), tmp_path)
+    case = tmp_path / "case.toml"
+    case.write_text(case.read_text() + "\n[choices]\nwindow_days = 2\n")
+    found = wallid.explain(wallid.load(tmp_path))
+    assert names(found) == {("solar_gain", "left")}, str(found)
+    assert found.gap.held_out_before is None
+    assert found.gap.held_out_after is None
+    assert "days held out" not in found.sentence
 
 
 def test_two_hidden_effects_are_both_named(explained):

@@ -282,6 +282,22 @@ def test_whole_days_are_held_out_and_at_least_a_fifth(days, step):
         assert len(set(held[day == one].tolist())) == 1, "a day is held out or not"
 
 
+@given(
+    days=st.floats(4.5, 70),
+    when=st.floats(0.02, 0.85),
+    lasts=st.floats(0.5, 2.0),
+)
+@settings(max_examples=40)
+def test_days_that_tell_of_an_event_are_not_held_out(days, when, lasts):
+    study = lasting(days, 1800.0)
+    time, begin = study.record.time, when * days * DAY
+    held = held_out(study, [(begin, lasts * DAY)])
+    assert 0.2 <= held.mean() <= 0.5
+    told = np.where(time >= begin, np.exp(-np.maximum(time - begin, 0.0) / (lasts * DAY)), 0.0)
+    assert told[held].sum() <= 0.5 * told.sum()
+    assert not held[time < DAY].any(), "the first day's profile is nobody's"
+
+
 def test_a_short_record_holds_nothing_out():
     assert held_out(lasting(2.5, 600.0)) is None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -13,6 +14,7 @@ from .study import Slot, Study
 
 _DAY = 86400.0
 _BLOCKS = 9  # a third of them is held out
+_LEAST = 0.2  # of the rows
 _WINDOWS = 4
 _BLIND = 100.0  # standard deviations of the whole record's size: a window as uncertain as this tells nothing
 _OTHERS = 2.0  # how far what else is free may go in one window, in its standard deviations of the whole record
@@ -46,7 +48,7 @@ class Gap:
 
 def compare(before: Fit, after: Fit) -> Gap:
     """The gap of two models, on all rows and on days held out."""
-    held = held_out(after.study)
+    held = held_out(after.study, after.events)
     if held is None:
         return Gap(before.gap, after.gap, after.noise.floor, None, None)
     outside_before = _gap_outside(before, held)
@@ -54,13 +56,21 @@ def compare(before: Fit, after: Fit) -> Gap:
     return Gap(before.gap, after.gap, after.noise.floor, outside_before, outside_after)
 
 
-def held_out(study: Study) -> np.ndarray | None:
-    """Which rows are held out: every third block of whole days; None where the record has under three days."""
-    days = (study.record.time // _DAY).astype(int)
+def held_out(study: Study, events: Iterable[tuple[float, float]] = ()) -> np.ndarray | None:
+    """Which rows are held out: every third block of whole days; None where the record has under three days.
+
+    Arguments:
+        events: when something happened once and how long it lasted, s. No other days tell of it, so those blocks are
+            held out that see least of it.
+    """
+    time = study.record.time
     if study.record.duration + study.record.step < 3 * _DAY:
         return None
+    days = (time // _DAY).astype(int)
     block = days // max(1, (days[-1] + 1) // _BLOCKS)
-    return block % 3 == 1
+    seen = sum(np.where(time >= begin, np.exp(-np.maximum(time - begin, 0.0) / lasts), 0.0) for begin, lasts in events)
+    thirds = [(block % 3 == third) & (block > 0) for third in (1, 2, 0)]  # the first hours are a free profile's
+    return min((held for held in thirds if np.mean(held) >= _LEAST), key=lambda held: float(np.sum(held * seen)))
 
 
 def _gap_outside(fit: Fit, held: np.ndarray) -> float:
@@ -78,16 +88,13 @@ def _trained(fit: Fit, held: np.ndarray) -> Fit:
     return fit.trained[key]
 
 
-def cost_outside(fit: Fit) -> float:
+def cost_outside(fit: Fit, held: np.ndarray) -> float:
     """`-2 log L` of the rows held out, predicted with parameters found without them, up to what noise sets.
 
     With their pull on their priors: a position error of many standard deviations foretells days as well as the effect
-    that it stands for, and is no rival to it for that. None are held out of a record of under three days: 0.
+    that it stands for, and is no rival to it for that.
     """
     study = fit.study
-    held = held_out(study)
-    if held is None:
-        return 0.0
     trained = _trained(fit, held)
     binned = study.binned(trained.remainder)
     chosen = np.flatnonzero(_bins_with(study, held))

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..case import Case
 from .acceptance import refusal, weighed
-from .compare import compare, cost_outside, windows
+from .compare import compare, cost_outside, held_out, windows
 from .explanation import CHANCE as FIRST
 from .explanation import FURTHER, Explanation, Named, Trial
 from .extend import Fit, refit
@@ -191,7 +191,8 @@ class _Search:
             if penalised(fit) >= weighed(base):
                 break
             fewer = [base, *(other for other in ordered if len(other.active) < len(fit.active))]
-            if cost_outside(fit) < min(cost_outside(other) for other in fewer[:2]):
+            held = held_out(self.study, fit.events)
+            if held is None or cost_outside(fit, held) < min(cost_outside(other, held) for other in fewer[:2]):
                 return fit
             self._refuse(fit, "predicts days that it has not seen no better")
         return base
@@ -264,8 +265,8 @@ class _Search:
         forms = [other for other in self.study.slots if other is not slot and same(other, slot)]
         if not forms or locate(fit).p_value >= _CLEAN:
             return []
-        named = zip(slot.effect.parameters, slot.indices, strict=True)
-        known = {parameter.name: float(fit.theta[i]) for parameter, i in named if not parameter.is_size}
+        sizes = {parameter.name for parameter in slot.effect.parameters if parameter.is_size}
+        known = {name: value for name, value in slot.values(fit.theta).items() if name not in sizes}
         ranked = screen(base, look_at_forms(self.study, base, forms, known), self.random)
         made = [self.add(ranked, (k,)) for k in ranked.best(_FORMS) if ranked.gain[k] >= _comparable(base, fit)]
         # what stood in for the right form may be needless beside it

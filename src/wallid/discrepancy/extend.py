@@ -73,6 +73,12 @@ class Fit:
         width = np.exp(min(NORMAL_95 * self.log_std, 50.0))
         return self.diffusivity / width, self.diffusivity * width
 
+    @property
+    def events(self) -> list[tuple[float, float]]:
+        """When what happens once begins and how long it lasts, s."""
+        found = (slot.effect.at(slot.values(self.theta)).event for slot in self.active)
+        return [event for event in found if event]
+
     def std(self, index: int) -> float:
         """Standard deviation of a free parameter."""
         place = self.free.index(index)

@@ -43,6 +43,12 @@ class Slot:
         """Of all its parameters; the first is the size."""
         return range(self.first, self.first + len(self.effect.parameters))
 
+    def values(self, theta: np.ndarray) -> dict[str, float]:
+        """Its parameters in a vector, by their names."""
+        return {
+            parameter.name: float(theta[i]) for parameter, i in zip(self.effect.parameters, self.indices, strict=True)
+        }
+
 
 @dataclass(frozen=True, eq=False)
 class Study:

@@ -62,6 +62,11 @@ class AbstractEffect(eqx.Module):
         """Which form of the effect, where it has several."""
         return ""
 
+    @property
+    def event(self) -> tuple[float, float] | None:
+        """When it begins and how long it lasts, s, of what happens once; None of what lasts all the record."""
+        return None
+
     @abc.abstractmethod
     def extend(self, terms: Terms, campaign: Campaign) -> Terms:
         """The terms with this effect in."""

@@ -167,6 +167,11 @@ class WettingByRain(AbstractEffect):
     time_constant: Float[Array, ""] = number(_DAY)
     time: Float[Array, ""] = number()
 
+    @property
+    def event(self) -> tuple[float, float]:
+        """The rain, and the time constant of the drying."""
+        return float(self.time), float(self.time_constant)
+
     def extend(self, terms: Terms, campaign: Campaign) -> Terms:
         """The terms with this effect in."""
         return terms.add(wettings=(Wetting(self.jump, not_below(self.time_constant, 3600.0), self.time),))
