@@ -157,6 +157,15 @@ def test_the_scan_stays_within_the_bounds(rain):
     assert deepest == pytest.approx([0.045, 0.027])
 
 
+def test_a_heavy_rain_begins_by_itself_after_a_shower(plain):
+    record = plain[0].record
+    hours = record.time / 3600.0
+    rain = np.where((hours >= 6) & (hours < 8), 0.5, 0.0) + np.where((hours >= 16) & (hours < 22), 6.0, 0.0)
+    rain[(hours >= 18) & (hours < 19)] = 0.0  # a pause
+    wet = replace(record, regressors={"rain": rain})
+    assert record_search(wet, (0.1,), 0.4).rain == (6 * 3600.0, 16 * 3600.0)
+
+
 def test_interfaces_are_looked_for_between_the_outermost_sensors(plain):
     record = plain[0].record
     inside = record_search(record, (0.15, 0.04, 0.1), 0.2).places

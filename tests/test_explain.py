@@ -9,7 +9,7 @@ from benchmarks.discrepancy.truth import Hidden, Spec, simulate, write_case
 import wallid
 from wallid.discrepancy.compare import cost_outside, held_out
 from wallid.discrepancy.explain import _Search
-from wallid.discrepancy.explanation import Trial
+from wallid.discrepancy.explanation import FURTHER, Trial
 from wallid.discrepancy.extend import refit
 from wallid.discrepancy.words import separation
 from wallid.effects import untestable
@@ -150,6 +150,17 @@ def right_and_near(explained, name, target, parameters, size, **wall):
     return found
 
 
+def test_beside_an_effect_that_explains_much_little_is_left_to_its_own_form(explained):
+    found, _ = explained(PLACED[:3])
+    search = _Search(found.study)
+    ranked = search.screen(found.after)
+    explained_by_it = search.plain_beside(found.after).cost - found.after.cost
+    assert search._threshold(ranked) == pytest.approx(max(ranked.threshold(FURTHER), 1e-3 * explained_by_it))
+    assert search._threshold(search.screen(found.before)) == pytest.approx(
+        search.screen(found.before).threshold(FURTHER), rel=0.2
+    )
+
+
 def test_what_needs_improbable_errors_to_foretell_days_is_no_rival(explained):
     """Off by 15 mm where 2 were stated: the plain model foretells days about as well, by an error past belief."""
     found, _ = explained(("sensor_position", "T2", {"shift": 0.015}))
@@ -169,9 +180,22 @@ def test_a_record_too_short_to_hold_days_out_is_explained_all_the_same(tmp_path)
     assert "days held out" not in found.sentence
 
 
-def test_two_hidden_effects_are_both_named(explained):
-    hidden = (("solar_gain", "left", {"gain": 0.005}), ("sensor_lag", "T2", {"time_constant": 5400.0}))
-    found, _ = explained(*hidden)
+@pytest.mark.parametrize(
+    ("hidden", "wall"),
+    [
+        ((("solar_gain", "left", {"gain": 0.005}), ("sensor_lag", "T2", {"time_constant": 5400.0})), {}),
+        # one derivative tells little of the film, so the two look like other pairs before the film is refitted
+        (
+            (
+                ("surface_film", "right", {"film_length": 0.06}),
+                ("phase_change", None, {"area": 7.0, "temperature": 0.0}),
+            ),
+            {"length": 0.247, "positions": (0.045, 0.14, 0.201), "diffusivity": 5e-7, "outdoor_mean": 2.0},
+        ),
+    ],
+)
+def test_two_hidden_effects_are_both_named(explained, hidden, wall):
+    found, _ = explained(*hidden, **wall)
     assert names(found) == {(name, target) for name, target, _ in hidden}, str(found)
     gains = [effect["gain"] for effect in found.result()["effects"]]
     assert gains == sorted(gains, reverse=True)

@@ -22,9 +22,11 @@ RIVAL = 9.0
 _CLEAN = 0.02  # p-value of the omnibus test above which a single effect is not asked for a partner at once
 _MOST_EFFECTS = 2  # where a third is wanted, what is missing is likelier none of the library
 _SINGLES, _PAIRS, _RIVALS = 5, 3, 8
-_FARTHEST, _FORMS = 3, 2  # what moves the diffusivity far; other forms of an effect
+_FARTHEST, _FORMS, _STARTS = 3, 2, 3  # what moves the diffusivity far; an effect's other forms, its other starts
+_PARTNERS = 2  # of the best single effect, as seen beside it
 _NEAR = 0.35  # how far a rival's expected gain may fall short, relative, to be worth a refit
 _CLOSE = 0.2  # the same for an effect in the place of one that has been fitted
+_GRAIN = 1e-3  # share of what an effect explains that its own form, cells and soft edges, may leave: 3 % of its size
 _ROUNDS = 4
 
 Progress = Callable[[str, float], None]
@@ -173,8 +175,18 @@ class _Search:
             for count, pair in enumerate(double):
                 tell((len(likely) + count) / (len(likely) + len(double)))
                 made.append(self.add(ranked, pair))
+            made += self._partnered(made)
         threshold = {1: ranked.threshold(FIRST), 2: ranked.threshold(FIRST) + ranked.threshold(FURTHER)}
         return self._best(plain, made, threshold)
+
+    def _partnered(self, made: list[Fit]) -> list[Fit]:
+        """The best of the single effects with what looks best beside it: refitted it may explain more."""
+        best = min((fit for fit in made if len(fit.active) == 1 and self._acceptable(fit)), key=weighed, default=None)
+        if best is None:
+            return []
+        ranked, known = self.screen(best), {frozenset(fit.active) for fit in made}
+        partners = [k for k in ranked.likeliest(_PARTNERS) if {*best.active, ranked.candidates[k].slot} not in known]
+        return [self.add(ranked, (k,)) for k in partners]
 
     def _best(self, base: Fit, made: Iterable[Fit], threshold: dict[int, float]) -> Fit:
         """The best acceptable fit by its cost and a penalty for each effect, or the base.
@@ -226,9 +238,14 @@ class _Search:
     def _grow(self, fit: Fit) -> Fit:
         ranked = self.screen(fit)
         tops = ranked.likeliest(2)
-        threshold = ranked.threshold(FURTHER)
+        threshold = self._threshold(ranked)
         made = [self.add(ranked, (k,)) for k in tops if ranked.gain[k] > threshold]
         return self._best(fit, made, {1: threshold})
+
+    def _threshold(self, ranked: Screen) -> float:
+        """What an effect beside others must explain: more than chance, and than what the others' own shape may miss."""
+        explained = self.plain_beside(ranked.base).cost - ranked.base.cost
+        return max(ranked.threshold(FURTHER), _GRAIN * explained)
 
     def _drop(self, fit: Fit) -> Fit:
         """Without an effect that the others have made needless."""
@@ -236,12 +253,16 @@ class _Search:
             return fit
         for slot in fit.active:
             less = self.without(fit, slot)
-            if weighed(less) - weighed(fit) < self.screen(less).threshold(FURTHER) and self._acceptable(less):
+            if weighed(less) - weighed(fit) < self._threshold(self.screen(less)) and self._acceptable(less):
                 return less
         return fit
 
     def _swap(self, fit: Fit) -> Fit:
-        """The best model with one of the effects exchanged, if it is better; what comes close is kept as a rival."""
+        """The best model with one of the effects exchanged, if it is better; what comes close is kept as a rival.
+
+        Where something is left, the effect may be there in another form, or have ended in a minimum of its own: it
+        begins again at other places and times.
+        """
         best = fit
         self.rivals = []
         for slot in fit.active:
@@ -254,16 +275,18 @@ class _Search:
             )
             made = [self.add(ranked, (k,)) for k in dict.fromkeys([*near[:_RIVALS], *far])]
             self.rivals += made
-            made += self._forms(fit, slot, base)
+            if locate(fit).p_value < _CLEAN:
+                made += self._forms(fit, slot, base)
+                made += [self.add(ranked, (k,)) for k in ranked.places(slot)[1 : 1 + _STARTS]]
             for other in made:
                 if weighed(other) < weighed(best) and self._acceptable(other):
                     best = other
         return best
 
     def _forms(self, fit: Fit, slot: Slot, base: Fit) -> list[Fit]:
-        """Other forms of an effect (placed, hourly) where its own leaves something, begun from what is known of it."""
+        """Other forms of an effect (placed, hourly), begun from what is known of it."""
         forms = [other for other in self.study.slots if other is not slot and same(other, slot)]
-        if not forms or locate(fit).p_value >= _CLEAN:
+        if not forms:
             return []
         sizes = {parameter.name for parameter in slot.effect.parameters if parameter.is_size}
         known = {name: value for name, value in slot.values(fit.theta).items() if name not in sizes}

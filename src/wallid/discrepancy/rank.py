@@ -88,6 +88,11 @@ class Screen:
             found.setdefault(candidate.slot, []).append(place)
         return {slot: np.array(places) for slot, places in found.items()}
 
+    def places(self, slot: Slot) -> list[int]:
+        """The candidates of one effect, best first."""
+        own = self.groups.get(slot, np.array([], dtype=int))
+        return [int(place) for place in own[np.argsort(-self.gain[own])]]
+
     def best(self, count: int) -> list[int]:
         """The best candidate of each of the best effects, one per effect, best first."""
         tops = [places[np.argmax(self.gain[places])] for places in self.groups.values()]

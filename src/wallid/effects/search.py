@@ -18,7 +18,7 @@ class Search:
         clear: from each face to the sensor nearest to it, m.
         places: candidates for interfaces, m, between the outermost sensors.
         duration: of the record, s.
-        rain: when rain events began, s since the first row; empty where no rain was logged.
+        rain: when the largest rains began, s since the first row; empty where no rain was logged.
         coldest, warmest: of all readings, degC.
     """
 
@@ -52,8 +52,8 @@ def record_search(record: Record, positions: tuple[float, ...], length: float, c
     )
 
 
-def _rain_onsets(record: Record, most: int = 8, pause: float = 12 * 3600.0) -> tuple[float, ...]:
-    """When the largest rain events began, s since the first row: rain after at least half a day without."""
+def _rain_onsets(record: Record, most: int = 8, pause: float = 3 * 3600.0) -> tuple[float, ...]:
+    """When the largest rain events began, s since the first row: rain after hours without."""
     rain = record.regressors.get("rain")
     if rain is None:
         return ()
