@@ -199,16 +199,68 @@ def test_questions_and_answers(tmp_path):
     (tmp_path / "record.csv").write_text(plain_record())
     asked = []
 
-    def ask(question, default):
-        asked.append((question.split(" [")[0], default))
-        return {"Length": "30 cm", "Column": default, "Which": "right", "Place": "0.1" if "T1" in question else ""}[
-            question.split()[0]
-        ]
+    def ask(question, default, read):
+        asked.append((question, default))
+        asks = question.splitlines()[-1]
+        words = {"Length": "30 cm", "Column": default, "Which": "right", "Place": "0.1" if "T1" in asks else ""}
+        return read(words[asks.split()[0]])
 
     case = new_case(tmp_path / "record.csv", ask=ask)
-    assert [default for _, default in asked] == [None, "T_left", "T_right", "left", "", ""]
+    assert [default for _, default in asked] == [None, "T_left", "T_right", None, "", ""]
+    assert [question.count("T_left (temperature") for question, _ in asked] == [0, 1, 0, 0, 0, 0], "told once"
     assert [sensor.name for sensor in case.sensors] == ["T1"]
     assert (case.name, case.path) == (tmp_path.name, tmp_path / "case.toml")
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "outside"),
+    [
+        ("T_in", "T_out", "right"),
+        ("outdoor", "indoor", "left"),
+        ("Wand innen", "Wand außen", "right"),
+        ("Tse", "Tsi", "left"),
+        ("T_left", "T_right", "left"),
+    ],
+)
+def test_the_names_of_the_faces_tell_which_is_outdoors(tmp_path, left, right, outside):
+    text = plain_record().replace("T_left", left).replace("T_right", right)
+    (tmp_path / "record.csv").write_text(text, encoding="utf-8")
+    answers = Answers(length=0.3, left=left, right=right, sensors={"T2": 0.2})
+    assert new_case(tmp_path / "record.csv", answers).wall.outside == outside
+    offered = []
+
+    def ask(question, default, read):
+        offered.append(default)
+        return read(default or "left")
+
+    asked = new_case(tmp_path / "record.csv", answers, force=True, ask=ask)
+    assert offered == [outside if "left" not in left else None] and asked.wall.outside == outside
+    contrary = new_case(tmp_path / "record.csv", replace(answers, outside="left"), force=True)
+    assert contrary.wall.outside == "left", "what is said counts"
+
+
+def test_a_mistyped_answer_is_asked_for_again(tmp_path, monkeypatch):
+    """At a terminal: what was answered before is kept."""
+    from typer.testing import CliRunner
+
+    from wallid import cli
+
+    (tmp_path / "record.csv").write_text(plain_record())
+    said = ["40 cms", "0", "40 cm", "T_lft", "T_left", "", "out", "right", "41 cm", "10 cm", "10 cm", "0.2"]
+    monkeypatch.setattr(cli, "_asker", lambda: cli._ask)
+    ended = CliRunner().invoke(cli.app, ["new", str(tmp_path / "record.csv")], input="\n".join(said) + "\n")
+    assert ended.exit_code == 0, ended.stderr
+    case = wallid.load(tmp_path)
+    assert (case.wall.length, case.wall.outside, case.record.names) == (0.4, "right", ("T1", "T2"))
+    for wrong in (
+        "'40 cms'",
+        "above 0",
+        'no column "T_lft"',
+        '"left" or "right"',
+        "not inside the wall",
+        "T1 is there",
+    ):
+        assert wrong in ended.stderr
 
 
 def test_a_german_logger(tmp_path):

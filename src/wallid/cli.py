@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import typer
 
@@ -13,6 +14,8 @@ from ._command import carry_out, refuse
 from ._options import OUT, CaseArgument, Draws, Formats, Integrator, Json, Model, Orders, Out, Quiet, Weights
 from .record import Format
 from .wall import InputError
+
+T = TypeVar("T")
 
 app = typer.Typer(
     name="wallid",
@@ -128,7 +131,7 @@ def new(
             noise=noise,
             form=Format(unit=unit, day_first=day_first, timezone=timezone),
         )
-        case = new_case(record, answers, to=to, force=force, ask=_ask if sys.stdin.isatty() else None)
+        case = new_case(record, answers, to=to, force=force, ask=_asker())
     except InputError as error:
         refuse(error)
     if not quiet:
@@ -136,10 +139,22 @@ def new(
         print(f"\nwrote        {case.path}; now `wallid check {case.path}`, then `wallid run {case.path}`")
 
 
-def _ask(question: str, default: str | None) -> str:
-    """Ask at the terminal; the question goes to standard error."""
+def _asker() -> Callable[..., Any] | None:
+    """Somebody to ask, where there is a terminal."""
+    return _ask if sys.stdin.isatty() else None
+
+
+def _ask(question: str, default: str | None, read: Callable[[str], T]) -> T:
+    """Ask at the terminal until the answer is one; the question goes to standard error."""
+
+    def taken(text: str) -> T:
+        try:
+            return read(text)
+        except InputError as error:
+            raise typer.BadParameter(str(error)) from error
+
     try:
-        return str(typer.prompt(question, default=default, err=True))
+        return typer.prompt(question, default=default, show_default=bool(default), err=True, value_proc=taken)
     except typer.Abort:
         raise InputError("stopped; nothing was written") from None
 

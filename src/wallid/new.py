@@ -3,48 +3,21 @@
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 from ._columns import FEWEST_ROWS
-from ._fields import InputError, nearest, number, one_of
+from ._dialogue import Ask, complete, metres, outdoors
+from ._fields import InputError, nearest
 from ._format import Format
-from ._look import Column, Look, look
+from ._look import Look, look
 from ._toml import Answers, write_toml
 from .case import Case, load
 from .record import Record, read_record
 
-Ask = Callable[[str, str | None], str]
-"""Asks a person a question, with what is taken where the answer is empty."""
-
-__all__ = ["Answers", "metres", "new_case", "place"]
+__all__ = ["Answers", "Ask", "metres", "new_case", "place"]
 
 _DAY = 86400.0
-_LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-_MOST_BARE = 3.0  # m; above it a number without a unit is rather cm or mm
-_LEFT = re.compile(r"left|links|gauche|inner|indoor|inside|innen|int\b|_in\b|_i\b|si\b", re.IGNORECASE)
-_RIGHT = re.compile(r"right|rechts|droit|outer|outdoor|outside|aussen|außen|ext\b|out\b|_e\b|se\b", re.IGNORECASE)
-
-
-def metres(name: str, text: str) -> float:
-    """A length such as "0.43", "43 cm" or "430 mm", in m.
-
-    Raises:
-        InputError: anything else, or a bare number too large for metres to be meant.
-    """
-    found = re.fullmatch(r"\s*([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(m|cm|mm)?\s*", text)
-    try:
-        value = float(found[1].replace(",", ".")) if found else float("nan")
-    except ValueError:
-        value = float("nan")
-    if found is None or value != value:
-        raise InputError(f'{name} = {text!r}; it must be a length, such as 0.43, "43 cm" or "430 mm"')
-    if found[2] is None and value > _MOST_BARE:
-        bare = found[1]
-        raise InputError(f'{name} = {text!r}: in m? give the unit with it: "{bare} mm", "{bare} cm" or "{bare} m"')
-    return number(name, round(value * _LENGTHS[found[2] or "m"], 9), "m", least=0.0)
 
 
 def place(text: str) -> tuple[str, float]:
@@ -160,35 +133,20 @@ def _window_days(record: Record) -> float:
 
 
 def _complete(record: Path, answers: Answers, seen: Look, ask: Ask | None) -> Answers:
-    """The answers with all that a case needs, asked for where it is missing."""
+    """The answers with all that a case needs, asked for where it is missing and there is somebody to ask."""
     for name in (answers.time, answers.left, answers.right, *(answers.sensors or ()), *answers.fluxes.values()):
         known = [column.name for column in seen.columns]
         if name is not None and name not in known:
             raise InputError(f'{record}: no column "{name}"; the columns are {", ".join(known)}{nearest(name, known)}')
     if answers.time is None:
         answers = replace(answers, time=seen.of("time")[0].name)
-    if ask is None:
-        _refuse_missing(record, answers, seen)
-        return _settle_dates(record, answers, seen, None)
-    answers = _settle_dates(record, answers, seen, ask)
-    numbers = [column for column in seen.columns if column.kind in ("temperature", "number")]
-    if answers.length is None:
-        text = ask("Length of the wall between the two faces (m, or such as 43 cm)", None)
-        answers = replace(answers, length=metres("length", text))
-    if answers.left is None:
-        name = _ask_column(ask, "Column of the left face, x = 0", numbers, _guess(numbers, _LEFT))
-        answers = replace(answers, left=name)
-    if answers.right is None:
-        rest = [column for column in numbers if column.name != answers.left]
-        answers = replace(answers, right=_ask_column(ask, "Column of the right face", rest, _guess(rest, _RIGHT)))
-    if answers.outside is None:
-        found = ask("Which face is outdoors, left or right", "left")
-        answers = replace(answers, outside=one_of("outside", found.strip().lower(), ("left", "right")))
-    if answers.sensors is None and not answers.fluxes:
-        answers = replace(answers, sensors=_ask_sensors(ask, seen, answers))
-        if not answers.sensors:
-            answers = replace(answers, fluxes=_ask_fluxes(ask, seen))
-    return answers
+    if ask is not None:
+        return complete(answers, seen, ask)
+    _refuse_missing(record, answers, seen)
+    assert answers.left and answers.right
+    day_first = seen.day_first if answers.form.day_first is None else answers.form.day_first
+    outside = answers.outside or outdoors(answers.left, answers.right)
+    return replace(answers, outside=outside, form=replace(answers.form, day_first=day_first))
 
 
 def _refuse_missing(record: Path, answers: Answers, seen: Look) -> None:
@@ -199,50 +157,5 @@ def _refuse_missing(record: Path, answers: Answers, seen: Look) -> None:
     if missing:
         there = ", ".join(map(str, seen.columns))
         raise InputError(f"{record}: nobody to ask here; give {', '.join(missing)}. The columns are {there}")
-
-
-def _settle_dates(record: Path, answers: Answers, seen: Look, ask: Ask | None) -> Answers:
-    """Whether dates begin with the day: as stated, as one of them shows, or asked for."""
-    first = answers.form.day_first if answers.form.day_first is not None else seen.day_first
-    if first is None and seen.ambiguous:
-        if ask is None:
-            raise InputError(f"{record}: dates may begin with the day or the month; give --day-first or --month-first")
-        first = ask("Do dates begin with the day or the month, day or month", "day").strip().lower() != "month"
-    return replace(answers, form=replace(answers.form, day_first=first))
-
-
-def _guess(columns: list[Column], pattern: re.Pattern[str]) -> str | None:
-    """The first column whose name looks like a face's."""
-    return next((column.name for column in columns if pattern.search(column.name)), None)
-
-
-def _ask_column(ask: Ask, question: str, columns: list[Column], default: str | None) -> str:
-    there = ", ".join(map(str, columns))
-    name = ask(f"{question} [{there}]", default).strip()
-    known = [column.name for column in columns]
-    if name not in known:
-        raise InputError(f'no column "{name}"; these are left: {", ".join(known)}{nearest(name, known)}')
-    return name
-
-
-def _ask_sensors(ask: Ask, seen: Look, answers: Answers) -> dict[str, float]:
-    """The place of each other column of temperatures; an empty answer leaves it out."""
-    found = {}
-    for column in seen.of("temperature"):
-        if column.name in (answers.left, answers.right):
-            continue
-        text = ask(f"Place of {column} in the wall, m from the left face (empty: not in the wall)", "").strip()
-        if text:
-            found[column.name] = metres(f"position of {column.name}", text)
-    return found
-
-
-def _ask_fluxes(ask: Ask, seen: Look) -> dict[str, str]:
-    """Columns of heat flux, where there is no sensor inside."""
-    found = {}
-    for side in ("left", "right"):
-        there = ", ".join(map(str, seen.of("flux", "number"))) or "none seems to be one"
-        name = ask(f"Column of the heat flux at the {side} face, positive along +x (empty: none) [{there}]", "").strip()
-        if name:
-            found[f"flux_{side}"] = name
-    return found
+    if answers.form.day_first is None and seen.day_first is None and seen.ambiguous:
+        raise InputError(f"{record}: dates may begin with the day or the month; give --day-first or --month-first")
