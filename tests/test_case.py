@@ -1,4 +1,5 @@
-from dataclasses import replace
+import tomllib
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -574,3 +575,16 @@ def test_the_london_wall(measured, tmp_path):
     assert list(case.record.regressors) == ["flux_left", "flux_right"]
     assert case.record.rows_per(case.choices.window_days) == 864
     assert case.choices.initial_profile == 1
+
+
+def test_the_manual_shows_every_choice_with_its_default():
+    manual = (Path(__file__).parents[1] / "MANUAL.md").read_text(encoding="utf-8")
+    block = next(part for part in manual.split("```") if part.startswith("toml") and "[choices]" in part)
+    shown = tomllib.loads(block.removeprefix("toml"))["choices"]
+    defaults = {field.name: field.default for field in fields(Choices)}
+    optional = {name for name in defaults if f"# {name} = " in block}
+    assert set(shown) | optional == set(defaults)
+    assert {name: value for name, value in shown.items() if name != "noise"} == {
+        name: defaults[name] for name in set(shown) - {"noise"}
+    }
+    assert defaults["noise"] is None, "which stands for what the manual shows where there is no flux"
