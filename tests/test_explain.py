@@ -8,9 +8,9 @@ from benchmarks.discrepancy.truth import Hidden, Spec, simulate, write_case
 
 import wallid
 from wallid.discrepancy.compare import cost_outside, held_out
-from wallid.discrepancy.explain import _Search
 from wallid.discrepancy.explanation import FURTHER, Trial
 from wallid.discrepancy.extend import refit
+from wallid.discrepancy.selection import Selection
 from wallid.discrepancy.words import separation
 from wallid.effects import untestable
 
@@ -127,7 +127,7 @@ def test_a_source_found_everywhere_is_tried_at_a_place_at_its_hours(explained):
     theta = plain.theta.copy()
     theta[begun["start"]], theta[begun["end"]] = 7.0, 13.0
     wrong = refit(study, (everywhere,), theta, plain.noise)
-    tried = _Search(study)._forms(wrong, everywhere, plain)
+    tried = Selection(study)._forms(wrong, everywhere, plain)
     best = min(tried, key=lambda fit: fit.cost)
     assert best.active == (placed,)
     assert best.cost < wrong.cost - 1000
@@ -152,7 +152,7 @@ def right_and_near(explained, name, target, parameters, size, **wall):
 
 def test_beside_an_effect_that_explains_much_little_is_left_to_its_own_form(explained):
     found, _ = explained(PLACED[:3])
-    search = _Search(found.study)
+    search = Selection(found.study)
     ranked = search.screen(found.after)
     explained_by_it = search.plain_beside(found.after).cost - found.after.cost
     assert search._threshold(ranked) == pytest.approx(max(ranked.threshold(FURTHER), 1e-3 * explained_by_it))
