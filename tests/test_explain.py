@@ -233,7 +233,7 @@ def test_no_name_stands_beside_what_it_does_not_explain(explained):
     assert found.verdict == "named" and found.incomplete == "" and found.wanting == 1.0
     (named,) = found.effects
     rest = replace(found, left_after=replace(found.left_after, p_value=1e-4))
-    third = replace(found, wanting=1e-3)
+    third = replace(found, wanting=5e-4)
     changing = replace(found, effects=(replace(named, windows=replace(named.windows, p_value=1e-4)),))
     missed = replace(found, gap=replace(found.gap, held_out_after=3 * found.gap.floor))
     for doubted, words in (

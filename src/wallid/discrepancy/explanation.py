@@ -148,7 +148,7 @@ class Explanation:
         """Why what was found is not all that is missing, and no name stands; empty where nothing says so."""
         if self.left_after.p_value < LEFT_OVER:
             return f"{self._added}the omnibus test still finds something (p = {self.left_after.p_value:.1g})"
-        if self.wanting < FURTHER:
+        if self.wanting < LEFT_OVER:
             return f"{self._added}a third would still explain more than chance does (p = {self.wanting:.1g})"
         for named in self.effects:
             if named.windows.p_value < LEFT_OVER:

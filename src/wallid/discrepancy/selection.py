@@ -196,8 +196,11 @@ class Selection:
 
     def _threshold(self, ranked: Screen) -> float:
         """What an effect beside others must explain: more than chance, and than what the others' own shape may miss."""
-        explained = self.plain_beside(ranked.base).cost - ranked.base.cost
-        return max(ranked.threshold(FURTHER), _GRAIN * explained)
+        return max(ranked.threshold(FURTHER), self._own_form(ranked.base))
+
+    def _own_form(self, fit: Fit) -> float:
+        """What the effects' own form may leave of what they explain."""
+        return _GRAIN * (self.plain_beside(fit).cost - fit.cost)
 
     def _drop(self, fit: Fit) -> Fit:
         """Without an effect that the others have made needless."""
@@ -252,7 +255,8 @@ class Selection:
         if len(fit.active) < _MOST_EFFECTS:
             return 1.0
         ranked = self.screen(fit)
-        return ranked.p_value(float(ranked.gain.max(initial=0.0)))
+        largest = float(ranked.gain.max(initial=0.0))
+        return 1.0 if largest < self._own_form(fit) else ranked.p_value(largest)
 
     def named(self, fit: Fit) -> tuple[Named, ...]:
         """Each effect with its sizes, what it explains, and who else could."""
