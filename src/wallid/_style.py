@@ -1,4 +1,8 @@
-"""The figures' house style: Okabe and Ito's colours, told apart by every kind of colour vision."""
+"""The figures' house style: colours that every kind of colour vision tells apart, on white and on the dark page.
+
+Each has a contrast of 3:1 or more with both grounds (WCAG 2.2, 1.4.11); a second sign, the line's or the marker's
+kind, goes with each sensor's colour.
+"""
 
 from __future__ import annotations
 
@@ -6,19 +10,28 @@ from contextlib import AbstractContextManager
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-BLUE, ORANGE, GREEN, PURPLE, SKY, RED, YELLOW, GREY = (
-    "#0072B2",
-    "#E69F00",
-    "#009E73",
-    "#CC79A7",
-    "#56B4E9",
-    "#D55E00",
-    "#F0E442",
-    "#5A5A5A",
+BLUE, ORANGE, GREEN, PURPLE, SKY, RED, GREY = (
+    "#0E6F8C",
+    "#BF8613",
+    "#11A660",
+    "#A626BF",
+    "#4089FF",
+    "#CC3D33",
+    "#5A5A5A",  # on the dark page a lighter one stands for it
 )
-SENSORS = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED)
+YELLOW = "#F0E442"
+"""Of bands only: as a line or a mark it would be too faint."""
+SENSORS = (BLUE, ORANGE, GREEN, PURPLE, SKY)  # the faces are grey and red
+_LINES = ("-", "--", "-.", ":", (0, (6, 1.5, 1, 1.5, 1, 1.5)))
+_MARKERS = ("o", "^", "s", "v", "D")
+FACES = (GREY, RED)
+"""Of the left and the right face."""
+KEEP = "keep-colour"
+"""The gid of what keeps its colour on the dark page: text on a ground of its own."""
 
 DAYS = "days since the record's start"
 
@@ -54,3 +67,49 @@ def figure(rows: int = 1, columns: int = 1, *, width: float = 7.2, height: float
 def colour(sensor: int) -> str:
     """The colour of a sensor's place."""
     return SENSORS[sensor % len(SENSORS)]
+
+
+def line(sensor: int) -> dict[str, Any]:
+    """A sensor's line, by colour and kind: 25 of them differ."""
+    return {"color": colour(sensor), "linestyle": _LINES[_kind(sensor)]}
+
+
+def marks(sensor: int) -> dict[str, Any]:
+    """A sensor's marks, by colour and kind: 25 of them differ."""
+    return {"color": colour(sensor), "marker": _MARKERS[_kind(sensor)]}
+
+
+def marked_line(sensor: int) -> dict[str, Any]:
+    """A sensor's line with its marks."""
+    return line(sensor) | marks(sensor)
+
+
+def _kind(sensor: int) -> int:
+    """Neighbours differ in it, and so do sensors of one colour."""
+    return (sensor + sensor // len(SENSORS)) % len(_LINES)
+
+
+def unit(text: str) -> str:
+    """A unit as a person writes it."""
+    return text.replace("m2", "m²").replace("m3", "m³")
+
+
+def ink_on(ground: Any) -> str:
+    """Black or white, whichever stands out more from a colour (WCAG 2.2's contrast ratio)."""
+    return "black" if contrast(ground, "black") > contrast(ground, "white") else "white"
+
+
+def contrast(one: Any, other: Any) -> float:
+    """The contrast of two colours, from 1 to 21.
+
+    Source: Web Content Accessibility Guidelines 2.2 (2023), "contrast ratio".
+    """
+    dark, light = sorted(_luminance(tint) for tint in (one, other))
+    return (light + 0.05) / (dark + 0.05)
+
+
+def _luminance(tint: Any) -> float:
+    """The relative luminance of an sRGB colour, 0 to 1."""
+    rgb = np.array(to_rgb(tint))
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])

@@ -52,6 +52,8 @@ __all__ = [
     "theta_kelvin",
 ]
 
+_FEWEST_TIMED, _MOST_TIMED = 3, 30  # runs that an estimate's cost is the median of
+_TIMED_FOR = 0.3  # s, after which the fewest are enough
 _FEWEST_DRAWS = 20  # of a bootstrap that is to give a 95 % interval
 
 
@@ -181,15 +183,17 @@ def check_draws(draws: int, weights: str = "noise") -> None:
 
 
 def seconds_of_estimate(case: Case, window: Window, model: StateSpace) -> float:
-    """What one warm estimate costs: the median of three, compilation apart."""
+    """What one warm estimate costs: the median of up to thirty in some tenths of a second, compilation apart."""
     data, per_alpha = experiment(case, window), jnp.asarray(scales(case).fourier(1.0))
     start, eta = jnp.asarray(case.wall.diffusivity_prior), jnp.asarray(case.choices.eta)
-    taken = []
-    for _ in range(4):
+    jax.block_until_ready(fit_experiment(model, data, per_alpha, start, eta))
+    taken: list[float] = []
+    # a short one takes no longer than what else the machine does in between: a few would tell of that
+    while len(taken) < _FEWEST_TIMED or (len(taken) < _MOST_TIMED and sum(taken) < _TIMED_FOR):
         began = clock.perf_counter()
         jax.block_until_ready(fit_experiment(model, data, per_alpha, start, eta))
         taken.append(clock.perf_counter() - began)
-    return float(np.median(taken[1:]))
+    return float(np.median(taken))
 
 
 def theta_kelvin(system: StateSpace, case: Case, window: Window, diffusivity: float) -> np.ndarray:

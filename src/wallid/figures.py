@@ -13,6 +13,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 from . import plot
+from ._legend import shared_legend
 from .discrepancy import Explanation
 from .discrepancy.extend import Fit
 from .discrepancy.locate import Remainder
@@ -90,7 +91,7 @@ def _lay_out(made: Figure) -> None:
 def figures(run: Run) -> Iterator[tuple[str, Figure]]:
     """Every figure that a run has the numbers for, with its file's stem."""
     with plot.style():
-        made, ax = plot.figure(height=1.6)
+        made, ax = plot.figure(height=1.8 + 0.16 * len(run.case.wall.layers))
         plot.wall(ax, run.case)
         yield "wall", made
         yield "record", _record_figure(run)
@@ -157,8 +158,9 @@ def _estimate_figure(run: Run) -> Figure:
     made, axes = plot.figure(2, 2, width=9.0, height=2.8)
     plot.convergence(axes[0, 0], axes[0, 1], run.fit)
     theta = theta_kelvin(large_model(run.case), run.case, run.fit.window, run.fit.value)
-    plot.measured_against_simulated(axes[1, 0], run.case, run.fit, theta)
-    plot.residual(axes[1, 1], run.case, run.fit, theta)
+    plot.measured_against_simulated(axes[1, 0], run.case, run.fit, theta, legend=False)
+    plot.residual(axes[1, 1], run.case, run.fit, theta, legend=False)
+    shared_legend(made, axes[1, 0])
     return made
 
 
@@ -228,14 +230,12 @@ def _residuals_figure(explanation: Explanation) -> Figure:
     axes = np.reshape(axes, (2, len(shown)))
     limit = plot.colour_limit(explanation)
     for column, (title, fit, left) in zip(axes.T, shown, strict=True):
-        plot.residual_map(column[0], fit, limit, title)
+        plot.residual_map(column[0], fit, limit, title, colour_bar=False)
         if column[1] is not axes[1, 0]:
             column[1].sharey(axes[1, 0])
-        plot.hourly_residual(column[1], fit, left.by_hour, f"{title}: by hour of the day")
-    made.colorbar(
-        axes[0, 0].collections[0], ax=list(axes[0]), label="measured minus simulated (K)", extend="both", pad=0.01
-    )
-    made.legend(*axes[1, 0].get_legend_handles_labels(), loc="outside lower center", ncols=8)
+        plot.hourly_residual(column[1], fit, left.by_hour, f"{title}: by hour of the day", legend=False)
+    plot.shared_colour_bar(axes[0, 0].collections[0], list(axes[0]))
+    shared_legend(made, axes[1, 0])
     return made
 
 
@@ -243,19 +243,17 @@ def _week_figure(explanation: Explanation) -> Figure:
     sensors = min(explanation.study.sensors, _MOST_SENSORS)
     made, axes = plot.figure(sensors, 2, width=10.0, height=2.2)
     for s, row in enumerate(np.reshape(axes, (sensors, 2))):
-        plot.week_temperatures(row[0], explanation, s)
+        plot.week_temperatures(row[0], explanation, s, legend=False)
         if s > 0:
             row[1].sharey(np.ravel(axes)[1])  # to see which sensor misses most
-        plot.week_residuals(row[1], explanation, s)
-    handles, labels = np.ravel(axes)[0].get_legend_handles_labels()
-    made.legend(handles, labels, loc="outside lower center", ncols=3)
+        plot.week_residuals(row[1], explanation, s, legend=False)
+    shared_legend(made, np.ravel(axes)[0])
     return made
 
 
 def _confusable_figure(explanation: Explanation) -> Figure:
     made, ax = plot.figure(width=7.6, height=6.2)
-    mesh = plot.confusability(ax, explanation)
-    made.colorbar(mesh, ax=ax, label="|cosine| of the effects' whitened derivatives (-)", shrink=0.8)
+    plot.confusability(ax, explanation)
     return made
 
 
@@ -264,7 +262,6 @@ def _windows_figure(explanation: Explanation) -> Figure:
     made, axes = plot.figure(count, 1, height=2.6)
     for ax, named in zip(np.ravel(axes), explanation.effects, strict=True):
         plot.size_by_window(ax, explanation, named)
-        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return made
 
 
@@ -272,6 +269,6 @@ def _periodogram_figure(explanation: Explanation) -> Figure:
     shown = _shown(explanation)
     made, axes = plot.figure(1, len(shown), width=2.0 + 3.2 * len(shown), height=3.0)
     for ax, (title, fit, _) in zip(np.ravel(axes), shown, strict=True):
-        plot.cumulative_periodogram(ax, fit, f"{title}: cumulative periodogram")
-    np.ravel(axes)[-1].legend(loc="lower right")
+        plot.cumulative_periodogram(ax, fit, f"{title}: cumulative periodogram", legend=False)
+    shared_legend(made, np.ravel(axes)[0])
     return made

@@ -22,7 +22,7 @@ class Lengths:
     Arguments:
         days: the windows' lengths.
         criterion: the best window's information, over the longest's, 1.
-        seconds: of one estimate; between the shortest, the middle and the longest, straight lines.
+        seconds: of one estimate; NaN where it was not asked for.
     """
 
     days: np.ndarray
@@ -30,8 +30,10 @@ class Lengths:
     seconds: np.ndarray
 
     def __str__(self) -> str:
-        rows = zip(self.days, self.criterion, self.seconds, strict=True)
-        lines = [f"  {d:6.2f} days   criterion {c:5.3f}   {1e3 * s:6.2f} ms" for d, c, s in rows]
+        lines = []
+        for days, criterion, seconds in zip(self.days, self.criterion, self.seconds, strict=True):
+            cost = "" if np.isnan(seconds) else f"   {1e3 * seconds:6.2f} ms"
+            lines.append(f"  {days:6.2f} days   criterion {criterion:5.3f}{cost}")
         return "\n".join(["lengths      the best window of each, and what its estimate costs", *lines])
 
 
@@ -51,7 +53,7 @@ def lengths(
 
     Arguments:
         cost: seconds of an estimate from a window, such as `seconds_of_estimate` measures; asked for the shortest, the
-            middle and the longest, which each compile an estimate of their own, with straight lines between.
+            middle and the longest, which each compile an estimate of their own.
         full, criterion, of, robust, diffusivities: as in `design`.
         on_length: told of each length when it is done.
     """
@@ -66,15 +68,13 @@ def lengths(
         profiles, system = start_profiles(case, starts), large_model(case)
         found = window_information(system, fourier, experiment(case), jnp.asarray(starts), profiles, rows=rows)
         information = np.asarray(found) * np.square(np.asarray(fourier))[:, None, None]
-    best, seconds, asked = [], {}, {0, len(days) // 2, len(days) - 1}
+    best, seconds, asked = [], np.full(len(days), np.nan), {0, len(days) // 2, len(days) - 1}
     for k, length in enumerate(days):
         there = np.flatnonzero(case.record.holds(starts, rows[k]))
         sizes = information[:, there, k]
         at = int(np.argmax(merit(sizes, robust)))
         best.append(sizes[:, at])
         if k in asked:
-            seconds[rows[k]] = cost(Window(int(starts[there[at]]), rows[k]))
+            seconds[k] = cost(Window(int(starts[there[at]]), rows[k]))
         on_length(length)
-    by_rows = sorted(seconds.items())
-    costs = np.interp(rows, [count for count, _ in by_rows], [taken for _, taken in by_rows])
-    return Lengths(np.asarray(days, float), merit(np.array(best).T, robust), costs)
+    return Lengths(np.asarray(days, float), merit(np.array(best).T, robust), seconds)

@@ -1,11 +1,13 @@
 """Figures, each drawn on Axes that the caller gives, in one style.
 
-Colours are Okabe and Ito's, told apart by every kind of colour vision. Nothing here shows a
-window; `style()` is the house style as a matplotlib context, `STYLE` as `plt.style.use` takes it.
+Each is complete by itself: with its units, its legend or colour bar, and the room they need. Panels that
+share a legend are drawn with `legend=False` and take `shared_legend`. Nothing here shows a window; `style()`
+is the house style as a matplotlib context, `STYLE` as `plt.style.use` takes it.
 """
 
 from __future__ import annotations
 
+from ._legend import shared_legend
 from ._style import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SENSORS, SKY, STYLE, YELLOW, colour, figure, style
 from .plot_campaign import forest
 from .plot_design import compromise, criterion, sampling, sensor_places
@@ -33,6 +35,7 @@ from .plot_remainder import (
     cumulative_periodogram,
     hourly_residual,
     residual_map,
+    shared_colour_bar,
     smooth_remainder,
 )
 from .plot_wall import wall
@@ -74,6 +77,8 @@ __all__ = [
     "residual_map",
     "sampling",
     "sensor_places",
+    "shared_colour_bar",
+    "shared_legend",
     "size_by_window",
     "smooth_remainder",
     "style",

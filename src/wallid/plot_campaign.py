@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
+from ._legend import legend_below
 from ._style import BLUE, GREY, ORANGE
 from .campaign import Pooled
 
@@ -25,11 +26,11 @@ def forest(ax: Axes, found: Pooled) -> None:
     if found.mean is not None:
         ax.axvspan(*found.interval_95, color=ORANGE, alpha=0.25, lw=0, label="all windows, 95 %")
         ax.axvline(found.value, color=ORANGE)
-    ax.plot([], [], "o-", color=BLUE, label="informative")
+    ax.plot([], [], "o-", color=BLUE, label="informative, 95 %")
     if len(found.used) < len(found.fits):
         ax.plot([], [], "o-", color=GREY, label="uninformative")
     shown = range(0, len(found.labels), max(1, len(found.labels) // 20))
     ax.set_yticks(list(shown), [str(found.labels[k])[:10] for k in shown])
     ax.invert_yaxis()
     ax.set(xscale="log", xlabel="diffusivity (m²/s)", ylabel="window from", title="Every window, and all of them")
-    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
+    legend_below(ax)

@@ -6,7 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from ._style import BLUE, GREY, ORANGE, RED, SENSORS
+from ._legend import legend_above, legend_below
+from ._style import BLUE, GREY, ORANGE, RED, colour, marked_line
 from .design import Design
 from .lengths import Lengths
 from .places import Places
@@ -15,8 +16,8 @@ from .sampling import Sampling
 
 def criterion(ax: Axes, design: Design) -> None:
     """The criterion over start days, for each diffusivity, the best window marked."""
-    for alpha, values, tint in zip(design.diffusivities, design.criterion, SENSORS, strict=False):
-        ax.plot(design.start_days, values, ".-", color=tint, ms=4, label=rf"$\alpha$ = {alpha:.2g} m²/s")
+    for a, (alpha, values) in enumerate(zip(design.diffusivities, design.criterion, strict=True)):
+        ax.plot(design.start_days, values, ms=3, label=rf"$\alpha$ = {alpha:.2g} m²/s", **marked_line(a))
     if design.robust != "no":
         ax.plot(design.start_days, design.merit, "-", lw=2.0, color=GREY, label=f"{design.robust}")
     best = design.best.row * design.step / 86400.0
@@ -24,30 +25,34 @@ def criterion(ax: Axes, design: Design) -> None:
     length = design.rows * design.step / 86400.0
     ax.set(
         xlabel=f"start of the window of {length:.3g} days (days)",
-        ylabel=r"$\Psi / \Psi_{max}$",
-        ylim=(0, 1.3),
+        ylabel=r"$\Psi / \Psi_{max}$ (-)",
+        ylim=(0, 1.05),
         title=f"Which days tell most ({design.kind}-criterion)",
     )
-    ax.legend(ncols=2 if len(ax.lines) < 4 else 4, loc="upper right")
+    legend_above(ax)
 
 
 def compromise(ax: Axes, lengths: Lengths) -> None:
     """The criterion against the window's length, with the estimate's cost beside it."""
     (left,) = ax.plot(lengths.days, lengths.criterion, "o-", color=BLUE, label="criterion")
-    ax.set(xlabel="length of the window (days)", ylabel=r"$\Psi / \Psi_{longest}$", ylim=(0, 1.08))
+    ax.set(xlabel="length of the window (days)", ylabel=r"$\Psi / \Psi_{longest}$ (-)", ylim=(0, 1.08))
     ax.set_title("What a longer window gives and costs")
     cost = ax.twinx()
-    (right,) = cost.plot(lengths.days, 1e3 * lengths.seconds, "s--", color=ORANGE, label="one estimate")
+    timed = np.isfinite(lengths.seconds)
+    (right,) = cost.plot(
+        lengths.days[timed], 1e3 * lengths.seconds[timed], "s--", color=ORANGE, label="one estimate, median of many"
+    )
     cost.set(ylabel="time of one estimate (ms)", ylim=(0, None))
     cost.grid(False)
-    ax.legend(handles=[left, right], loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)  # beside the title
+    legend_below(ax, [left, right])
 
 
 def sensor_places(ax: Axes, found: Places) -> None:
     """The standard error to expect with one more sensor at each place, for each diffusivity; the best place marked."""
-    for a, (alpha, tint) in enumerate(zip(found.diffusivities, SENSORS, strict=False)):
-        ax.plot(found.places, found.std[0, a], "o-", ms=3, color=tint, label=rf"one more, $\alpha$ = {alpha:.2g} m²/s")
-        ax.axhline(found.std_before[a], color=tint, ls=":", lw=1.0, label="as it is" if a == 0 else None)
+    for a, alpha in enumerate(found.diffusivities):
+        label = rf"one more, $\alpha$ = {alpha:.2g} m²/s"
+        ax.plot(found.places, found.std[0, a], ms=3, label=label, **marked_line(a))
+        ax.axhline(found.std_before[a], color=colour(a), ls=":", lw=1.0, label="as it is" if a == 0 else None)
     for k, place in enumerate(found.there):
         ax.axvline(place, color=GREY, lw=0.8, ls="--", label="sensors there" if k == 0 else None)
     for k, place in enumerate(found.chosen):
@@ -56,12 +61,12 @@ def sensor_places(ax: Axes, found: Places) -> None:
         ax.annotate(str(len(found.there) + k + 1), (place, found.std[k, 0, at]), (6, -8), textcoords="offset points")
     ax.set(
         xlabel="place of a further sensor (m from the left face)",
-        ylabel="expected standard error",
+        ylabel="standard error of the diffusivity (%)",
         ylim=(0, None),
         title="Where a further sensor helps",
     )
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:g}%"))
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2)
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:g}"))
+    legend_below(ax)
 
 
 def sampling(ax: Axes, found: Sampling) -> None:
@@ -70,10 +75,14 @@ def sampling(ax: Axes, found: Sampling) -> None:
     moved = np.abs(found.shift) > 1e-6
     ax.loglog(found.steps[moved], np.abs(found.shift[moved]), "s--", color=ORANGE, label="shift by straight lines")
     ax.axvline(found.own, color=GREY, lw=0.8, ls="--", label="the record's step")
-    ax.set(xlabel="from row to row (s)", ylabel="of the diffusivity", title="What other sampling steps would give")
+    ax.set(
+        xlabel="from row to row (s)",
+        ylabel="change of the diffusivity (%)",
+        title="What other sampling steps would give",
+    )
     ax.set_xticks(found.steps, [f"{step:g}" for step in found.steps])
     ax.xaxis.set_minor_locator(NullLocator())
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.yaxis.set_minor_locator(NullLocator())
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:g}%"))
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=3)
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:g}"))
+    legend_below(ax)

@@ -8,8 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 
-from ._style import BLUE, DAYS, GREEN, GREY, ORANGE, RED, SKY
+from ._legend import legend_above, legend_below, make_room
+from ._style import BLUE, DAYS, GREEN, GREY, KEEP, ORANGE, RED, SKY, ink_on, unit
 from .discrepancy import Explanation, Named
+from .discrepancy.explanation import CHANCE
 from .discrepancy.extend import Fit
 from .discrepancy.study import Slot
 from .plot_remainder import days_of, names_of, short
@@ -36,8 +38,12 @@ def worst_week(fit: Fit) -> slice:
     return slice(first, first + rows)
 
 
-def week_temperatures(ax: Axes, explanation: Explanation, sensor: int) -> None:
-    """Measured against simulated over the plain model's worst week, before and after."""
+def week_temperatures(ax: Axes, explanation: Explanation, sensor: int, *, legend: bool = True) -> None:
+    """Measured against simulated over the plain model's worst week, before and after.
+
+    Arguments:
+        legend: False where another panel's tells.
+    """
     week, days = worst_week(explanation.before), days_of(explanation.before)
     before, after = explanation.before, explanation.after
     ax.plot(days[week], before.study.record.sensors[week, sensor], ".", ms=3.5, color=GREY, label="measured")
@@ -47,20 +53,31 @@ def week_temperatures(ax: Axes, explanation: Explanation, sensor: int) -> None:
     ax.set(xlabel=DAYS, ylabel="temperature (°C)", title=f"{names_of(before)[sensor]}: the plain model's worst week")
     if not after.active:
         ax.set_title(f"{names_of(before)[sensor]}: the worst week")
+    if legend:
+        legend_above(ax)
+    make_room(ax)
 
 
-def week_residuals(ax: Axes, explanation: Explanation, sensor: int) -> None:
-    """Measured minus simulated over that week, before and after."""
+def week_residuals(ax: Axes, explanation: Explanation, sensor: int, *, legend: bool = True) -> None:
+    """Measured minus simulated over that week, before and after.
+
+    Arguments:
+        legend: False where another panel's tells.
+    """
     week, days = worst_week(explanation.before), days_of(explanation.before)
-    shown = [(explanation.before, ORANGE, ".--")]
+    shown = [(explanation.before, ORANGE, ".--", "plain model")]
     if explanation.after.active:
-        shown.append((explanation.after, BLUE, ".-"))
-    for fit, tint, line in shown:
+        shown.append((explanation.after, BLUE, ".-", _with(explanation)))
+    for fit, tint, line, label in shown:
         rest = fit.remainder[week, sensor]
         there = np.isfinite(rest)
-        ax.plot(days[week][there], rest[there], line, ms=2.5, lw=0.8, color=tint)
+        ax.plot(days[week][there], rest[there], line, ms=2.5, lw=0.8, color=tint, label=label)
     ax.axhline(0.0, color=GREY, lw=0.8)
-    ax.set(xlabel=DAYS, ylabel="residual (K)", title="Measured minus simulated")
+    name = names_of(explanation.before)[sensor]
+    ax.set(xlabel=DAYS, ylabel="residual (K)", title=f"{name}: measured minus simulated")
+    if legend:
+        legend_above(ax)
+    make_room(ax)
 
 
 def waterfall_steps(explanation: Explanation) -> list[tuple[str, float]]:
@@ -125,6 +142,7 @@ def waterfall(ax: Axes, explanation: Explanation) -> None:
         ax.set_title("How far the gap shrinks" if explanation.after.active else "The gap")
     ax.grid(False, axis="x")
     ax.legend(loc="upper right", ncols=2)
+    make_room(ax)
 
 
 def ranked_gains(ax: Axes, explanation: Explanation, count: int = _SHOWN) -> None:
@@ -142,15 +160,14 @@ def ranked_gains(ax: Axes, explanation: Explanation, count: int = _SHOWN) -> Non
     tried = [(row.gain, place) for place, row in enumerate(rows) if row.gain is not None and row.gain > 0]
     if tried:
         ax.plot(*zip(*tried, strict=True), "|", ms=12, mew=1.5, color="black", ls="none", label="after a refit")
-    chance = explanation.screen.threshold(0.05)
-    ax.axvline(chance, color=RED, ls="--", lw=1.0, label="chance, 5 %")
+    chance = explanation.screen.threshold(CHANCE)
+    ax.axvline(chance, color=RED, ls="--", lw=1.0, label=f"chance, {100 * CHANCE:g} %")
     ax.set_yticks(places, [row.label for row in rows])
     ax.set(
         xscale="log", xlabel=r"drop of $-2 \log L$ (-); dots: expected", title="What each effect alone would explain"
     )
     ax.invert_yaxis()
-    # below the last row, where nothing is drawn
-    ax.legend(loc="upper center", bbox_to_anchor=(0.4, -0.16), ncols=5, columnspacing=1.2, handletextpad=0.4)
+    legend_below(ax)
 
 
 def confusable_places(explanation: Explanation, count: int = _SHOWN) -> list[int]:
@@ -158,17 +175,22 @@ def confusable_places(explanation: Explanation, count: int = _SHOWN) -> list[int
     return explanation.screen.best(count)
 
 
-def confusability(ax: Axes, explanation: Explanation, count: int = _SHOWN) -> QuadMesh:
-    """How alike the traces of the leading effects are in this record: 1, and it cannot tell them apart."""
+def confusability(ax: Axes, explanation: Explanation, count: int = _SHOWN, *, colour_bar: bool = True) -> QuadMesh:
+    """How alike the traces of the leading effects are in this record: 1, and it cannot tell them apart.
+
+    Arguments:
+        count: of effects. colour_bar: False leaves it to the caller.
+    """
+    make_room(ax)
     screen = explanation.screen
     places = confusable_places(explanation, count)
     alike = np.abs(screen.cosine[np.ix_(places, places)])
     mesh = ax.pcolormesh(alike, cmap="cividis", vmin=0.0, vmax=1.0, edgecolors="white", linewidth=0.5)
     for i, j in np.ndindex(alike.shape):
-        dark = alike[i, j] < 0.55
         # never 1.00 for what is not the same
         words = f"{min(alike[i, j], 0.99):.2f}"[1:] if i != j else "1"
-        ax.text(j + 0.5, i + 0.5, words, ha="center", va="center", fontsize=6.5, color="white" if dark else "black")
+        tint = ink_on(mesh.to_rgba(alike[i, j]))
+        ax.text(j + 0.5, i + 0.5, words, ha="center", va="center", fontsize=6.5, color=tint, gid=KEEP)
     labels = [explanation.study.label(screen.candidates[place].slot.effect) for place in places]
     ticks = np.arange(len(places)) + 0.5
     ax.set_xticks(ticks, labels, rotation=40, ha="right", rotation_mode="anchor")
@@ -180,7 +202,11 @@ def confusability(ax: Axes, explanation: Explanation, count: int = _SHOWN) -> Qu
     ax.set_aspect("equal")
     ax.invert_yaxis()
     ax.grid(False)
-    ax.set_title("How alike the effects' traces are (1: not to be told apart)")
+    ax.set_title("How alike the effects' traces are (1: not to be told apart)", wrap=True)
+    if colour_bar:
+        made = ax.get_figure(root=True)
+        assert made is not None
+        made.colorbar(mesh, ax=ax, label="|cosine| of the effects' whitened derivatives (-)", shrink=0.8)
     return mesh
 
 
@@ -195,10 +221,15 @@ def size_by_window(ax: Axes, explanation: Explanation, named: Named) -> None:
         windows.days, windows.size, NORMAL_95 * windows.std, fmt="o", color=GREY, capsize=3, label="each quarter"
     )
     ax.axhline(0.0, color=RED, ls="--", lw=1.0, label="none")
-    unit = f" ({size.unit})" if size.unit else " (-)"
     record = explanation.study.record
-    ax.set(xlabel=DAYS, ylabel=size.name.replace("_", " ") + unit, xlim=(0, record.rows * record.step / _DAY))
-    ax.set_title(f"{explanation.study.label(named.slot.effect)}, 95 %; all the same: p = {windows.p_value:.2g}")
+    ax.set(
+        xlabel=DAYS,
+        ylabel=f"{size.name.replace('_', ' ')} ({unit(size.unit) or '-'})",
+        xlim=(0, record.rows * record.step / _DAY),
+    )
+    told = f"; all the same: p = {windows.p_value:.2g}" if np.isfinite(windows.size).sum() > 1 else ""
+    ax.set_title(f"{explanation.study.label(named.slot.effect)}, 95 %{told}", wrap=True)
+    legend_above(ax)
 
 
 def _with(explanation: Explanation) -> str:

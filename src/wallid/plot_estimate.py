@@ -6,11 +6,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from ._style import BLUE, DAYS, GREEN, GREY, ORANGE, RED, colour
+from ._legend import legend_above, make_room, shortened
+from ._style import BLUE, DAYS, GREEN, GREY, ORANGE, RED, colour, line, marked_line, marks
 from .case import Case
 from .estimated import Estimate
 from .experiment import Window, fit_profile
-from .plot_record import legend_above, thinned
+from .plot_record import thinned
 from .quantity import NORMAL_95
 
 _BAND_POINTS = 1000  # of an interval about a course
@@ -29,7 +30,7 @@ def initial_profile(ax: Axes, case: Case, window: Window) -> None:
     ax.plot(places, readings, "o", color=RED, label="readings")
     fitted = "given" if profile.eps_2 is None else f"fit $\\epsilon_2$ = {profile.eps_2:.2g} K"
     ax.set(xlabel="x (m)", ylabel="temperature (°C)", title=f"Initial profile ({fitted})")
-    ax.legend()
+    legend_above(ax)
 
 
 def convergence(value_ax: Axes, gamma_ax: Axes, fit: Estimate) -> None:
@@ -42,13 +43,14 @@ def convergence(value_ax: Axes, gamma_ax: Axes, fit: Estimate) -> None:
         seen = fit.history[name][1:] > 0
         if seen.any():
             gamma_ax.semilogy(steps[seen], fit.history[name][1:][seen], "o-", color=tint, label=symbol)
-    gamma_ax.set(xlabel="Gauss-Newton step", ylabel="relative change", title="Stopping criteria")
+    gamma_ax.set(xlabel="Gauss-Newton step", ylabel="relative change (-)", title="Stopping criteria")
     if fit.rounds and fit.iterations:
         value_ax.axvline(fit.iterations + 0.5, color=GREY, ls=":", lw=1.0, label="then the full covariance")
         gamma_ax.axvline(fit.iterations + 0.5, color=GREY, ls=":", lw=1.0)
         value_ax.legend(loc="lower right")
-    gamma_ax.legend()
+    legend_above(gamma_ax)
     for ax in (value_ax, gamma_ax):
+        make_room(ax)
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
@@ -65,21 +67,26 @@ def reading_interval(case: Case, fit: Estimate, theta: np.ndarray) -> np.ndarray
     return NORMAL_95 * np.hypot(noise, np.asarray(theta) * fit.std / fit.value)
 
 
-def measured_against_simulated(ax: Axes, case: Case, fit: Estimate, theta: np.ndarray | None = None) -> None:
+def measured_against_simulated(
+    ax: Axes, case: Case, fit: Estimate, theta: np.ndarray | None = None, *, legend: bool = True
+) -> None:
     """Readings and model over the estimate's window, with each reading's 95 % interval.
 
     Arguments:
-        theta: see `reading_interval`; None leaves the interval out.
+        theta: see `reading_interval`; None leaves the interval out. legend: False where another panel's tells.
     """
     days = _window_days(case, fit.window)
     part = case.record.window(fit.window.row, fit.window.rows)
     for s, sensor in enumerate(case.sensors):
         if theta is not None:
             _band(ax, days, fit.predicted[:, s], reading_interval(case, fit, theta)[:, s], colour(s), 0.25)
-        ax.plot(*thinned(days, part.sensors[:, s]), ".", ms=4, color=colour(s), alpha=0.6)
-        ax.plot(*thinned(days, fit.predicted[:, s]), color=colour(s), label=sensor.name)
-    ax.set(xlabel=DAYS, ylabel="temperature (°C)", title="Measured (dots) and simulated")
-    legend_above(ax, ncols=5)
+        ax.plot(*thinned(days, fit.predicted[:, s]), **line(s))
+        ax.plot(*thinned(days, part.sensors[:, s]), ls="none", ms=3, mfc="none", mew=0.7, **marks(s))
+        ax.plot([], [], ms=3, mfc="none", mew=0.7, **marked_line(s), label=shortened(sensor.name))
+    ax.set(xlabel=DAYS, ylabel="temperature (°C)", title="Measured (marks) and simulated (lines)")
+    if legend:
+        legend_above(ax)
+    make_room(ax)
 
 
 def measured_flux(ax: Axes, case: Case, fit: Estimate, plate: int) -> None:
@@ -88,18 +95,19 @@ def measured_flux(ax: Axes, case: Case, fit: Estimate, plate: int) -> None:
     face = list(fit.thermal.gains)[plate]
     days = _window_days(case, fit.window)
     part = case.record.window(fit.window.row, fit.window.rows)
-    ax.plot(days, part.regressors[f"flux_{face}"], ".", ms=3, color=colour(plate), alpha=0.6, label="measured")
     there = np.isfinite(fit.residual[:, fit.sensors + plate])
-    ax.plot(days[there], fit.predicted[there, fit.sensors + plate], color=GREY, label="simulated")
+    # wide, and under the readings: both can be seen where they agree
+    ax.plot(days[there], fit.predicted[there, fit.sensors + plate], color=GREY, lw=2.4, label="simulated")
+    ax.plot(days, part.regressors[f"flux_{face}"], ".", ms=2, color=ORANGE, label="measured")
     ax.set(xlabel=DAYS, ylabel="heat flux (W/m²)", title=f"Flux at the {face} face, positive to the right")
-    legend_above(ax, ncols=2)
+    legend_above(ax)
 
 
-def residual(ax: Axes, case: Case, fit: Estimate, theta: np.ndarray | None = None) -> None:
+def residual(ax: Axes, case: Case, fit: Estimate, theta: np.ndarray | None = None, *, legend: bool = True) -> None:
     """Measured minus simulated over the estimate's window, with each reading's 95 % interval.
 
     Arguments:
-        theta: see `reading_interval`; None leaves the interval out.
+        theta: see `reading_interval`; None leaves the interval out. legend: False where another panel's tells.
     """
     days = _window_days(case, fit.window)
     for s, sensor in enumerate(case.sensors):
@@ -107,10 +115,12 @@ def residual(ax: Axes, case: Case, fit: Estimate, theta: np.ndarray | None = Non
             _band(ax, days, np.zeros(len(days)), reading_interval(case, fit, theta)[:, s], GREY, 0.08)
         there = np.isfinite(fit.residual[:, s])
         shown = thinned(days[there], fit.residual[there, s])
-        ax.plot(*shown, ".-", ms=3, lw=0.7, color=colour(s), label=sensor.name)
+        ax.plot(*shown, ms=3, mfc="none", mew=0.7, lw=0.7, **marked_line(s), label=shortened(sensor.name))
     ax.axhline(0.0, color=GREY, lw=0.8)
     ax.set(xlabel=DAYS, ylabel="residual (K)", title="Measured minus simulated")
-    legend_above(ax, ncols=5)
+    if legend:
+        legend_above(ax)
+    make_room(ax)
 
 
 def _band(ax: Axes, days: np.ndarray, middle: np.ndarray, half: np.ndarray, tint: str, alpha: float) -> None:

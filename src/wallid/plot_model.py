@@ -8,22 +8,23 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from ._style import BLUE, DAYS, ORANGE, colour
+from ._legend import legend_above, shortened
+from ._style import BLUE, DAYS, ORANGE, line
 from .case import Case
 from .mim import Learned
-from .plot_record import legend_above, thinned
+from .plot_record import thinned
 
 
 def theta(ax: Axes, case: Case, days: np.ndarray, sensitivity: np.ndarray) -> None:
     """The sensitivity dT/d ln(alpha) at each sensor."""
     for s, sensor in enumerate(case.sensors):
-        ax.plot(*thinned(days, sensitivity[:, s]), color=colour(s), lw=0.8, label=sensor.name)
+        ax.plot(*thinned(days, sensitivity[:, s]), **line(s), lw=0.9, label=shortened(sensor.name))
     ax.set(
         xlabel=DAYS,
         ylabel=r"$\partial T / \partial \ln \alpha$ (K)",
         title="Sensitivity to the diffusivity",
     )
-    legend_above(ax, ncols=6)
+    legend_above(ax)
 
 
 def orders(ax: Axes, learned: Sequence[Learned]) -> None:
@@ -33,6 +34,6 @@ def orders(ax: Axes, learned: Sequence[Learned]) -> None:
     for k, (name, tint) in enumerate(names):
         ax.semilogy(order, [one.eps_inf[k] for one in learned], "o-", color=tint, label=rf"$\epsilon_\infty$ {name}")
         ax.semilogy(order, [one.eps_2[k] for one in learned], "s--", color=tint, ms=4, label=rf"$\epsilon_2$ {name}")
-    ax.set(xlabel="order of the reduced model", ylabel="error (dimensionless)", title="Error against order")
+    ax.set(xlabel="order of the reduced model", ylabel="error (-)", title="Error against order")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.legend(ncols=2)
+    legend_above(ax)

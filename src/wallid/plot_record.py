@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
-from ._style import DAYS, GREY, RED, YELLOW, colour
+from ._legend import legend_above, legend_below, shortened
+from ._style import DAYS, FACES, GREY, ORANGE, YELLOW, colour, line, marks
 from .case import Case
 from .experiment import Window
 
 BLACK = "#000000"
 _POINTS = 3000  # of a curve: more than a figure of this width shows
+_NARROWEST = 0.004  # of the record, about a line's width: what is shorter is drawn as wide as this, or by a mark
 
 
 def thinned(days: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -31,36 +35,23 @@ def record(ax: Axes, case: Case, window: Window | None = None) -> None:
     """The faces and sensors over the whole record, what was filled, masked or broken, and the window chosen."""
     logged, days = case.record, np.asarray(case.record.time) / 86400.0
     faces = np.where(logged.broken[:, None], np.nan, logged.faces)
-    for side, name, tint in ((0, "left", GREY), (1, "right", RED)):
+    for side, (name, tint) in enumerate(zip(("left", "right"), FACES, strict=True)):
         place = "outside" if case.wall.outside == name else "inside"
         ax.plot(*thinned(days, faces[:, side]), color=tint, lw=0.8, label=f"{name} face ({place})")
     for s, sensor in enumerate(case.sensors):
         there = np.isfinite(logged.sensors[:, s])
         sparse = there.any() and _joined(there).mean() > 1.5 * there.mean()
         shown = there if sparse else slice(None)  # a missing value breaks the line
-        ax.plot(
-            *thinned(days[shown], logged.sensors[shown, s]),
-            ls="none" if sparse else "-",
-            marker="." if sparse else None,
-            color=colour(s),
-            lw=1.0,
-            label=f"{sensor.name} at {100 * sensor.position:g} cm",
-        )
+        drawn = {**marks(s), "ls": "none", "ms": 3} if sparse else {**line(s), "lw": 1.0}
+        label = f"{shortened(sensor.name)} at {100 * sensor.position:.4g} cm"
+        ax.plot(*thinned(days[shown], logged.sensors[shown, s]), **drawn, label=label)
     if window is not None:
-        step = logged.step / 86400.0
-        ax.axvspan(window.row * step, (window.row + window.rows - 1) * step, color=YELLOW, alpha=0.35, lw=0)
+        first, last = days[window.row], days[window.row + window.rows - 1]
+        ax.axvspan(first, last, color=YELLOW, alpha=0.35, lw=0, label="window used")
     _mark_filled(ax, case, days)
     _mark_breaks(ax, case, days, label="broken")
     ax.set(xlabel=DAYS, ylabel="temperature (°C)", title=f"Record {case.name}")
-    legend_above(ax, ncols=3)
-
-
-def legend_above(ax: Axes, *, ncols: int) -> None:
-    """A legend over the curves, with room made for its rows."""
-    rows = -(-len(ax.get_legend_handles_labels()[0]) // ncols)
-    low, high = ax.get_ylim()
-    ax.set_ylim(low, high + (0.06 + 0.08 * rows) * (high - low))
-    ax.legend(ncols=ncols, loc="upper left")
+    legend_above(ax)
 
 
 def _mark_filled(ax: Axes, case: Case, days: np.ndarray) -> None:
@@ -94,29 +85,35 @@ def _mark_breaks(ax: Axes, case: Case, days: np.ndarray, label: str | None = Non
 
 
 def coverage(ax: Axes, case: Case) -> None:
-    """For each face and sensor when it has readings, when it was interpolated, and which readings were masked."""
+    """For each face and sensor when it has readings, when it was interpolated, and which readings are missing."""
     logged, days = case.record, np.asarray(case.record.time) / 86400.0
     std = np.zeros((logged.rows, 2)) if logged.fill_std is None else logged.fill_std
-    step = logged.step / 86400.0
-    names = ["left face", "right face", *logged.names]
-    for k in range(len(names)):
-        if k < 2:
-            _stretches(ax, days, step, k, std[:, k] == 0, (GREY, RED)[k])
-            _stretches(ax, days, step, k, (std[:, k] > 0) & np.isfinite(std[:, k]), YELLOW)
-        else:
-            _stretches(ax, days, step, k, _joined(np.isfinite(logged.sensors[:, k - 2])), colour(k - 2))
-    for column, times in logged.cleaning.masked.items():
-        rows = [k for k, name in enumerate((*logged.cleaning.faces, *logged.names)) if name == column]
-        for k in rows:
-            ax.plot(times / 86400.0, np.full(len(times), k), "|", ms=9, mew=0.8, color=BLACK)
+    names = ["left face", "right face", *(shortened(name) for name in logged.names)]
+    columns = (*logged.cleaning.faces, *logged.names)
+    keys = [Patch(color=GREY, label="readings")]
+    shown = set()
+    for k, column in enumerate(columns):
+        filled = (std[:, k] > 0) & ~logged.broken if k < 2 else np.zeros(logged.rows, bool)
+        there = std[:, k] == 0 if k < 2 else _joined(np.isfinite(logged.sensors[:, k - 2]))
+        _bars(ax, days, _stretches(there), k, FACES[k] if k < 2 else colour(k - 2))
+        _bars(ax, days, _stretches(filled), k, ORANGE, _NARROWEST)
+        gaps = _stretches(~there & ~filled & ~logged.broken)
+        lost = [0.5 * (days[a] + days[b - 1]) for a, b in gaps if days[b - 1] - days[a] < _NARROWEST * days[-1]]
+        lost += list(logged.cleaning.masked.get(column, np.array([])) / 86400.0)
+        ax.plot(lost, np.full(len(lost), k), "|", ms=11, mew=1.2, color=BLACK)
+        shown |= {"interpolated"} if filled.any() else set()
+        shown |= {"missing"} if lost else set()
     _mark_breaks(ax, case, days)
+    if "interpolated" in shown:
+        keys.append(Patch(color=ORANGE, label="interpolated"))
+    if "missing" in shown:
+        keys.append(Line2D([], [], ls="none", marker="|", ms=9, color=BLACK, label="single readings missing or masked"))
+    if logged.cleaning.breaks:
+        keys.append(Patch(color=GREY, alpha=0.2, label="record broken"))
     ax.set_yticks(range(len(names)), names)
-    ax.set(
-        xlabel=DAYS,
-        ylim=(len(names) - 0.5, -0.5),
-        title="Readings (bars), interpolated (yellow), masked (black marks), record broken (grey band)",
-    )
+    ax.set(xlabel=DAYS, ylim=(len(names) - 0.5, -0.5), title="When each has readings")
     ax.grid(axis="y", visible=False)
+    legend_below(ax, keys)
 
 
 def _joined(there: np.ndarray) -> np.ndarray:
@@ -132,8 +129,21 @@ def _joined(there: np.ndarray) -> np.ndarray:
     return (np.cumsum(change)[:-1] > 0) | there
 
 
-def _stretches(ax: Axes, days: np.ndarray, step: float, place: int, there: np.ndarray, tint: str) -> None:
-    """A bar over each stretch of rows."""
+def _stretches(there: np.ndarray) -> list[tuple[int, int]]:
+    """Where each run of rows begins, and the row after its end."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], there.astype(int), [0]])))
-    bars = [(float(days[a]) - step / 2, float(b - a) * step) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _bars(
+    ax: Axes, days: np.ndarray, runs: list[tuple[int, int]], place: int, tint: str, narrowest: float = 0.0
+) -> None:
+    """A bar over each run of rows, no narrower than so much of the record."""
+    step, least = float(days[1] - days[0]), narrowest * float(days[-1] - days[0])
+    bars = []
+    for first, end in runs:
+        width = (end - first) * step
+        middle = float(days[first]) + 0.5 * (width - step)
+        wide = max(width, least)
+        bars.append((middle - 0.5 * wide, wide))
     ax.broken_barh(bars, (place - 0.3, 0.6), color=tint, lw=0)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from ._style import BLUE, DAYS, GREY, ORANGE, colour
+from ._legend import legend_above, make_room, shortened
+from ._style import BLUE, DAYS, GREY, ORANGE, line
 from .reliability import Loads, Reliability
 
 
@@ -19,9 +20,9 @@ def last_week(ax: Axes, reliability: Reliability, sensor: int) -> None:
     ax.set(
         xlabel=DAYS,
         ylabel="temperature (°C)",
-        title=f"{reliability.names[sensor]}: last week",
+        title=f"{shortened(reliability.names[sensor])}: last week",
     )
-    ax.legend()
+    legend_above(ax)
 
 
 def density(ax: Axes, reliability: Reliability, sensor: int) -> None:
@@ -42,9 +43,11 @@ def density(ax: Axes, reliability: Reliability, sensor: int) -> None:
     normal = np.exp(-0.5 * (x[:, None] / middle) ** 2) / (middle * np.sqrt(2 * np.pi))
     ax.plot(x, normal @ share, color=GREY, label="measurement")
     ax.set(
-        xlabel="measured minus predicted (K)", ylabel="density (1/K)", title=f"{reliability.names[sensor]}: residual"
+        xlabel="measured minus predicted (K)",
+        ylabel="density (1/K)",
+        title=f"{shortened(reliability.names[sensor])}: residual",
     )
-    ax.legend()
+    legend_above(ax)
 
 
 def uncertainty(ax: Axes, reliability: Reliability) -> None:
@@ -52,15 +55,16 @@ def uncertainty(ax: Axes, reliability: Reliability) -> None:
     for s, name in enumerate(reliability.names):
         sigma = reliability.sigma[:, s]
         if np.ptp(sigma) < 1e-9:
-            ax.axvline(sigma[0], color=colour(s), label=f"{name} (constant)")
+            ax.axvline(sigma[0], **line(s), label=f"{shortened(name)} (constant)")
         else:
-            ax.hist(sigma, bins=50, density=True, histtype="step", lw=1.4, color=colour(s), label=name)
+            ax.hist(sigma, bins=50, density=True, histtype="step", lw=1.4, label=shortened(name), **line(s))
     ax.set(xlabel=r"$\sigma$ (K)", ylabel="density (1/K)", title="Measurement and position uncertainty")
-    ax.legend()
+    legend_above(ax)
 
 
 def flux(ax: Axes, days: np.ndarray, loads: Loads) -> None:
     """The heat flux through the inner face over the record."""
+    make_room(ax)
     ax.plot(days, loads.flux, color=BLUE, lw=0.8)
     ax.axhline(0.0, color=GREY, lw=0.8)
     ax.set(xlabel=DAYS, ylabel="j, along +x (W/m²)", title="Heat flux through the inner face")
@@ -68,6 +72,7 @@ def flux(ax: Axes, days: np.ndarray, loads: Loads) -> None:
 
 def loads(ax: Axes, loads: Loads) -> None:
     """How the load over the record moves with the diffusivity."""
+    make_room(ax)
     ax.plot(100 * (loads.factors - 1.0), 100 * loads.change, "o-", color=BLUE)
     ax.axhline(0.0, color=GREY, lw=0.8)
     ax.set(

@@ -2,38 +2,100 @@
 
 from __future__ import annotations
 
+import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
-from ._style import GREY, colour
+from ._legend import legend_below, shortened
+from ._style import GREY, KEEP, marks
 from .case import Case
+from .wall import Wall
 
-_FILLS = ("#C9B79C", "#A9B7C0", "#D8CDBB", "#8FA3A8", "#BFA68A")  # of layers, in turn
-_CROWDED = 0.11  # of the length: sensors nearer than this to the last one's label go a line lower
+_FILLS = ("#E1D7C9", "#D0D7DC", "#EAE4DA", "#C1CCCF", "#DCCEBF")  # of layers, in turn
+_THIN = 0.06  # of the length: a number stands beside such a layer
+_LETTERS = 8  # points: the texts' size
+_LINES = 4  # of sensors' names, where one line is too crowded
 
 
 def wall(ax: Axes, case: Case) -> None:
     """The section of a case's wall with its sensors; x in cm from the left face."""
     length = 100.0 * case.wall.length
-    begin = 0.0
-    layers = [(100.0 * layer.thickness, f"{layer.conductivity:g} W/m/K") for layer in case.wall.layers]
-    for count, (width, label) in enumerate(layers or [(length, "")]):
-        ax.axvspan(begin, begin + width, ymin=0.0, ymax=1.0, color=_FILLS[count % len(_FILLS)], alpha=0.55, lw=0)
-        ax.text(begin + width / 2, 0.04, label, ha="center", va="bottom", fontsize=8)
-        begin += width
+    keys: list[Artist] = [*_layers(ax, case.wall)]
     for x, name in ((0.0, "left"), (length, "right")):
         place = "outside" if case.wall.outside == name else "inside"
         ax.axvline(x, color=GREY, lw=2.5)
-        ax.text(x, 1.04, f"{name} face ({place})", ha=name, va="bottom", fontsize=8)
-    line, last = 0, -length
-    for s in sorted(range(len(case.sensors)), key=lambda s: case.sensors[s].position):
-        sensor = case.sensors[s]
-        x = 100.0 * sensor.position
-        line = (line + 1) % 4 if x - last < _CROWDED * length else 0
-        last = x
-        y = 0.82 - 0.18 * line
-        ax.errorbar(x, y, xerr=100.0 * sensor.position_std, fmt="o", color=colour(s), capsize=3, ms=6)
-        ax.annotate(f"{sensor.name}", (x, y), (6, 5), textcoords="offset points", fontsize=8)
+        ax.text(x, 1.04, f"{name} face ({place})", ha=name, va="bottom", fontsize=_LETTERS)
+    _sensors(ax, case)
+    if case.sensors:
+        uncertain = any(sensor.position_std > 0 for sensor in case.sensors)
+        words = "sensors, \N{PLUS-MINUS SIGN} 1 standard deviation of the place" if uncertain else "sensors"
+        keys.append(Line2D([], [], ls="-" if uncertain else "none", marker="o", color=GREY, label=words))
     margin = 0.04 * length
     ax.set(xlim=(-margin, length + margin), ylim=(0, 1), yticks=[], xlabel="distance from the left face (cm)")
     ax.spines["left"].set_visible(False)
     ax.grid(visible=False)
+    legend_below(ax, keys)
+
+
+def _layers(ax: Axes, wall: Wall) -> list[Patch]:
+    """The layers, numbered where there are several, and what each is made of."""
+    whole = (wall.length, wall.conductivity, wall.heat_capacity)
+    layers = [(layer.thickness, layer.conductivity, layer.heat_capacity) for layer in wall.layers] or [whole]
+    keys, begin, line, right = [], 0.0, 0, 0.5 * wall.length
+    for count, (thickness, conductivity, heat_capacity) in enumerate(layers):
+        fill, end = _FILLS[count % len(_FILLS)], begin + thickness
+        ax.axvspan(100 * begin, 100 * end, color=fill, lw=0)
+        made_of = [] if conductivity is None else [f"{conductivity:.4g} W/m/K"]
+        made_of += [] if heat_capacity is None else [f"{1e-6 * heat_capacity:.4g} MJ/m³/K"]
+        if not wall.layers:
+            made_of.append(f"prior {wall.diffusivity_prior:.3g} m²/s")
+        elif conductivity is not None and heat_capacity is not None:
+            made_of.append(f"{conductivity / heat_capacity:.3g} m²/s")
+        number = f"{count + 1}: " if wall.layers else ""
+        keys.append(Patch(color=fill, label=f"{number}{100 * thickness:.4g} cm, {', '.join(made_of)}"))
+        if not wall.layers:
+            continue
+        middle, thin = 0.5 * (begin + end), thickness < _THIN * wall.length
+        line = (line + 1) % _LINES if thin else 0
+        inward = (14 if middle < right else -14) if thin else 0
+        ax.annotate(
+            str(count + 1),
+            (100 * middle, 0.05 + 0.1 * line),
+            (inward, 0),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=_LETTERS,
+            gid=KEEP,
+            arrowprops={"arrowstyle": "-", "lw": 0.6, "shrinkA": 0, "shrinkB": 0, "gid": KEEP} if thin else None,
+        )
+        begin = end
+    return keys
+
+
+def _sensors(ax: Axes, case: Case) -> None:
+    """The sensors at their places, a name that would meet another's a line lower."""
+    length, inches = 100.0 * case.wall.length, ax.get_window_extent().width / ax.figure.dpi
+    letter = 0.62 * _LETTERS / 72.0 / inches * length
+    ends = np.full(_LINES, -np.inf)  # of the last name in each line
+    for s in sorted(range(len(case.sensors)), key=lambda s: case.sensors[s].position):
+        sensor, name = case.sensors[s], shortened(case.sensors[s].name)
+        x, wide = 100.0 * sensor.position, letter * (len(name) + 3)
+        to_left = x + wide > length
+        free = np.flatnonzero(ends <= (x - wide if to_left else x))
+        line = int(free[0]) if len(free) else int(np.argmin(ends))
+        ends[line] = x + (letter if to_left else wide)
+        y = 0.82 - 0.18 * line
+        mark = ax.errorbar(x, y, xerr=100.0 * sensor.position_std, ls="none", capsize=3, ms=6, **marks(s))
+        mark[0].set(markeredgecolor="black", markeredgewidth=0.6, gid=KEEP)
+        ax.annotate(
+            name,
+            (x, y),
+            (-6 if to_left else 6, 5),
+            textcoords="offset points",
+            ha="right" if to_left else "left",
+            fontsize=_LETTERS,
+            gid=KEEP,
+        )
