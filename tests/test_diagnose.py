@@ -5,18 +5,22 @@ from dataclasses import replace
 from html import unescape
 
 import jsonschema
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from benchmarks.discrepancy.truth import Spec, write_case
 from pages import check
 from results import DIAGNOSIS, SCHEMA
+from test_plot import check_complete
 from typer.testing import CliRunner
 
 import wallid
 from wallid import figures, plot, workflow
 from wallid import plot_discrepancy as drawn
 from wallid import plot_remainder as remainder
+from wallid._style import contrast
 from wallid.cli import app
+from wallid.discrepancy.explanation import CHANCE
 from wallid.page import unit
 
 
@@ -166,6 +170,7 @@ def test_the_periodogram_of_white_noise_keeps_to_its_band(ax, explanation):
     rng = np.random.default_rng(11)
     plot.cumulative_periodogram(ax, explanation.before, "")
     (band,) = ax.collections
+    assert band.get_alpha() == 0.25, "a shade on white and on the dark page"
     corners = band.get_paths()[0].vertices
     frequency, _ = remainder.periodogram(rng.normal(size=216), 3600.0)
     lower, upper = ([f(corners[corners[:, 0] == x, 1]) for x in frequency[:-1]] for f in (np.min, np.max))
@@ -218,6 +223,81 @@ def test_every_figure_is_drawn_with_units_on_its_axes(request, tmp_path, found, 
             for label, ticks in ((ax.get_xlabel(), ax.get_xticklabels()), (ax.get_ylabel(), ax.get_yticklabels())):
                 named = any(tick.get_text() and not tick.get_text()[0].isdigit() for tick in ticks)
                 assert "(" in label or "day" in label or named or not ticks, (stem, ax)
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        plot.waterfall,
+        plot.ranked_gains,
+        lambda ax, found: plot.week_temperatures(ax, found, 0),
+        lambda ax, found: plot.week_residuals(ax, found, 0),
+        lambda ax, found: plot.hourly_residual(ax, found.before, found.left_before.by_hour, "by hour"),
+        lambda ax, found: plot.cumulative_periodogram(ax, found.before, "periodogram"),
+        lambda ax, found: plot.smooth_remainder(ax, found.before, found.left_before),
+        lambda ax, found: plot.size_by_window(ax, found, found.effects[0]),
+        lambda ax, found: plot.residual_map(ax, found.before, plot.colour_limit(found), "map"),
+        plot.confusability,
+    ],
+)
+def test_a_figure_of_a_diagnosis_on_plain_axes_is_complete(explanation, draw):
+    """A legend, or a colour bar with its label."""
+    with plt.rc_context(plt.rcParamsDefault):
+        figure, ax = plt.subplots()
+        draw(ax, explanation)
+        colours = len(figure.axes) == 2
+        assert colours == (ax.get_legend() is None) and (not colours or figure.axes[1].get_ylabel())
+        check_complete(ax, legend=not colours, named=draw in (plot.waterfall, plot.confusability))
+        plt.close(figure)
+
+
+def test_panels_that_share_a_legend_have_none_of_their_own(explanation):
+    for stem, figure in figures.diagnosis(explanation):
+        if stem in ("residuals", "fit", "periodogram"):
+            assert len(figure.legends) == 1 and all(ax.get_legend() is None for ax in figure.axes), stem
+    bars = [
+        ax for ax in dict(figures.diagnosis(explanation))["residuals"].axes if "minus simulated (K)" in ax.get_ylabel()
+    ]
+    assert len(bars) == 1
+
+
+def test_chance_is_what_the_tables_reasons_say(ax, explanation):
+    plot.ranked_gains(ax, explanation)
+    (line,) = [line for line in ax.lines if line.get_label() == "chance, 3 %"]
+    assert CHANCE == 0.03 and set(line.get_xdata()) == {explanation.screen.threshold(CHANCE)}
+
+
+def test_a_gain_has_its_unit_as_a_person_writes_it(ax, explanation):
+    named = explanation.effects[0]
+    gain = next(slot for slot in explanation.study.slots if slot.effect.name == "sensor_gain")
+    solar = next((slot for slot in explanation.study.slots if slot.effect.name == "contact_resistance"), gain)
+    size = solar.effect.parameters[0]
+    plot.size_by_window(ax, explanation, replace(named, slot=solar, values={size.name: (1.0, 0.1)}))
+    assert "m2" not in ax.get_ylabel() and ("m²" in ax.get_ylabel()) == ("m2" in size.unit)
+
+
+def test_one_window_alone_is_the_same_as_no_other(ax, explanation):
+    named = explanation.effects[0]
+    plot.size_by_window(ax, explanation, named)
+    assert "p = " in ax.get_title(loc="left")
+    alone = replace(named.windows, size=np.where(np.arange(4) == 1, named.windows.size, np.nan))
+    plot.size_by_window(ax, explanation, replace(named, windows=alone))
+    assert "p = " not in ax.get_title(loc="left")
+
+
+def test_numbers_stand_out_on_their_cells_and_keep_their_colour(ax, explanation):
+    """WCAG 2.2, 1.4.3: 4.5:1 on every cell; the dark page leaves them as they are."""
+    mesh = plot.confusability(ax, explanation)
+    alike = np.asarray(mesh.get_array())
+    assert len(ax.texts) == alike.size
+    for text, value in zip(ax.texts, alike.ravel(), strict=True):
+        assert contrast(text.get_color(), mesh.to_rgba(value)) >= 4.5 and text.get_gid() == "keep-colour"
+
+
+def test_a_missing_reading_is_neither_warm_nor_cold(ax, explanation):
+    mesh = plot.residual_map(ax, explanation.after, 1.0, "after")
+    grey = mesh.to_rgba(np.nan)
+    assert grey[3] == 1.0 and grey[0] == grey[1] == grey[2] < 0.8
 
 
 def test_the_smooth_remainder_is_drawn_with_the_days_means(ax, unnamed):

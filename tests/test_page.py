@@ -90,7 +90,7 @@ def test_the_wall_is_drawn_to_scale(run):
     sensors = tuple(replace(s, position=x) for s, x in zip(run.case.sensors, (0.05, 0.06, 0.4), strict=True))
     _, ax = plot.figure(height=1.6)
     plot.wall(ax, replace(run.case, sensors=sensors))
-    places = np.array([line.get_xydata()[0] for line in ax.lines if line.get_marker() == "o"])
+    places = np.array([line.get_xydata()[0] for line in ax.lines if line.get_marker() in ("o", "^", "s")])
     np.testing.assert_allclose(places[:, 0], [5.0, 6.0, 40.0])
     assert places[0, 1] != places[1, 1] and places[0, 1] == places[2, 1]
     assert [text.get_text() for text in ax.texts][-5:-3] == ["left face (inside)", "right face (outside)"]

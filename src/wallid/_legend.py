@@ -12,9 +12,10 @@ from matplotlib.transforms import ScaledTranslation
 
 _LONGEST = 18  # letters of a name
 _MOST_COLUMNS = 8
-_MOST_SHARE = 0.45  # of the Axes' height: a higher legend stands beside them
+_MOST_SHARE = 0.45  # of the Axes' height: a higher legend stands under them
+_MANY = 10  # entries, from which letters are smaller
 _TIGHT = {"columnspacing": 1.2, "handletextpad": 0.5}
-_UNDER = 2.9  # letters' heights from the Axes to a legend under them: the ticks' and the axis's label lie between
+_APART = 0.05  # inches from an axis's label to the legend under it
 
 
 def shortened(name: str, longest: int = _LONGEST) -> str:
@@ -33,16 +34,17 @@ def make_room(ax: Axes) -> None:
 
 
 def legend_above(ax: Axes) -> None:
-    """A legend over the curves, the ordinate's range extended for it; one of very many rows beside the Axes."""
+    """A legend over the curves, the ordinate's range extended for it; one of very many rows stands under the Axes."""
     make_room(ax)
     handles, labels = ax.get_legend_handles_labels()
     if not handles:
         return
     frame = ax.get_window_extent()
     made = _in_columns(ax, handles, labels, frame.width, loc="upper left")
-    share = (made.get_window_extent().height + made.borderaxespad * _letter(made)) / frame.height
+    around = 2.0 * made.borderaxespad * made.prop.get_size_in_points() * _dots_per_inch(ax) / 72.0
+    share = (made.get_window_extent().height + around) / frame.height
     if share > _MOST_SHARE:
-        ax.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.0, 1.0), ncols=1 + len(handles) // 16)
+        legend_below(ax)
         return
     along = ax.yaxis.get_transform()
     low, high = along.transform(ax.get_ylim())
@@ -51,17 +53,22 @@ def legend_above(ax: Axes) -> None:
 
 
 def legend_below(ax: Axes, handles: Sequence[Any] | None = None) -> None:
-    """A legend under the Axes and their label."""
+    """A legend under the Axes and their label.
+
+    Arguments:
+        handles: what it tells of; None for all that has a label.
+    """
     make_room(ax)
     made = ax.get_figure(root=True)
-    assert made is not None
     drawn = list(ax.get_legend_handles_labels()[0] if handles is None else handles)
-    if not drawn:
+    under = ax.xaxis.get_tightbbox()
+    if made is None or under is None or not drawn:
         return
-    down = ScaledTranslation(0.0, -_UNDER * ax.xaxis.label.get_fontsize() / 72.0, made.dpi_scale_trans)
-    labels = [str(handle.get_label()) for handle in drawn]
+    frame = ax.get_window_extent()
+    down = ScaledTranslation(0.0, -(frame.y0 - under.y0) / made.dpi - _APART, made.dpi_scale_trans)
     where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": ax.transAxes + down}
-    _in_columns(ax, drawn, labels, ax.get_window_extent().width, borderaxespad=0.0, **where)
+    labels = [str(handle.get_label()) for handle in drawn]
+    _in_columns(ax, drawn, labels, frame.width, borderaxespad=0.0, **where)
 
 
 def shared_legend(made: Figure, ax: Axes) -> None:
@@ -71,18 +78,17 @@ def shared_legend(made: Figure, ax: Axes) -> None:
 
 
 def _in_columns(on: Axes | Figure, handles: Sequence[Any], labels: Sequence[str], width: float, **where: Any) -> Legend:
-    """The legend of the most columns that are no wider together."""
+    """The legend of the most columns that are no wider together, in small letters where it tells of many."""
+    words: dict[str, Any] = _TIGHT | where | ({"fontsize": "small"} if len(handles) > _MANY else {})
     columns = min(len(handles), _MOST_COLUMNS)
     while True:
-        made = on.legend(handles, labels, ncols=columns, **_TIGHT, **where)
+        made = on.legend(handles, labels, ncols=columns, **words)
         if columns == 1 or made.get_window_extent().width <= width:
             return made
-        if isinstance(on, Figure):
-            made.remove()
+        made.remove()
         columns -= 1
 
 
-def _letter(made: Legend) -> float:
-    """The height of a legend's letters, pixels."""
-    figure = made.get_figure(root=True)
-    return made.prop.get_size_in_points() * (72.0 if figure is None else figure.dpi) / 72.0
+def _dots_per_inch(ax: Axes) -> float:
+    made = ax.get_figure(root=True)
+    return 72.0 if made is None else made.dpi

@@ -91,7 +91,7 @@ def _lay_out(made: Figure) -> None:
 def figures(run: Run) -> Iterator[tuple[str, Figure]]:
     """Every figure that a run has the numbers for, with its file's stem."""
     with plot.style():
-        made, ax = plot.figure(height=1.8 + 0.16 * len(run.case.wall.layers))
+        made, ax = plot.figure(height=2.2 + 0.16 * len(run.case.wall.layers))
         plot.wall(ax, run.case)
         yield "wall", made
         yield "record", _record_figure(run)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -29,7 +31,8 @@ def forest(ax: Axes, found: Pooled) -> None:
     ax.plot([], [], "o-", color=BLUE, label="informative, 95 %")
     if len(found.used) < len(found.fits):
         ax.plot([], [], "o-", color=GREY, label="uninformative")
-    shown = range(0, len(found.labels), max(1, len(found.labels) // 20))
+    room = ax.get_window_extent().height / ax.figure.dpi * 72.0 / (1.4 * float(ax.yaxis.label.get_fontsize()))
+    shown = range(0, len(found.labels), max(1, math.ceil(len(found.labels) / room)))
     ax.set_yticks(list(shown), [str(found.labels[k])[:10] for k in shown])
     ax.invert_yaxis()
     ax.set(xscale="log", xlabel="diffusivity (m²/s)", ylabel="window from", title="Every window, and all of them")

@@ -42,7 +42,7 @@ def compromise(ax: Axes, lengths: Lengths) -> None:
     (right,) = cost.plot(
         lengths.days[timed], 1e3 * lengths.seconds[timed], "s--", color=ORANGE, label="one estimate, median of many"
     )
-    cost.set(ylabel="time of one estimate (ms)", ylim=(0, None))
+    cost.set(ylabel="time of one estimate (ms)", ylim=(0, 1.08 * cost.dataLim.y1))
     cost.grid(False)
     legend_below(ax, [left, right])
 
@@ -77,7 +77,7 @@ def sampling(ax: Axes, found: Sampling) -> None:
     ax.axvline(found.own, color=GREY, lw=0.8, ls="--", label="the record's step")
     ax.set(
         xlabel="from row to row (s)",
-        ylabel="change of the diffusivity (%)",
+        ylabel="error of the diffusivity (%)",
         title="What other sampling steps would give",
     )
     ax.set_xticks(found.steps, [f"{step:g}" for step in found.steps])

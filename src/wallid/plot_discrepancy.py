@@ -202,11 +202,11 @@ def confusability(ax: Axes, explanation: Explanation, count: int = _SHOWN, *, co
     ax.set_aspect("equal")
     ax.invert_yaxis()
     ax.grid(False)
-    ax.set_title("How alike the effects' traces are (1: not to be told apart)", wrap=True)
+    ax.set_title("How alike the effects' traces are")
     if colour_bar:
         made = ax.get_figure(root=True)
         assert made is not None
-        made.colorbar(mesh, ax=ax, label="|cosine| of the effects' whitened derivatives (-)", shrink=0.8)
+        made.colorbar(mesh, ax=ax, label="|cosine| (-); 1: not to be told apart")
     return mesh
 
 

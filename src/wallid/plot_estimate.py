@@ -98,7 +98,7 @@ def measured_flux(ax: Axes, case: Case, fit: Estimate, plate: int) -> None:
     there = np.isfinite(fit.residual[:, fit.sensors + plate])
     # wide, and under the readings: both can be seen where they agree
     ax.plot(days[there], fit.predicted[there, fit.sensors + plate], color=GREY, lw=2.4, label="simulated")
-    ax.plot(days, part.regressors[f"flux_{face}"], ".", ms=2, color=ORANGE, label="measured")
+    ax.plot(days, part.regressors[f"flux_{face}"], ".", ms=2.5, color=ORANGE, label="measured")
     ax.set(xlabel=DAYS, ylabel="heat flux (W/m²)", title=f"Flux at the {face} face, positive to the right")
     legend_above(ax)
 
@@ -112,7 +112,9 @@ def residual(ax: Axes, case: Case, fit: Estimate, theta: np.ndarray | None = Non
     days = _window_days(case, fit.window)
     for s, sensor in enumerate(case.sensors):
         if theta is not None:
-            _band(ax, days, np.zeros(len(days)), reading_interval(case, fit, theta)[:, s], GREY, 0.08)
+            _band(
+                ax, days, np.zeros(len(days)), reading_interval(case, fit, theta)[:, s], GREY, 0.24 / len(case.sensors)
+            )
         there = np.isfinite(fit.residual[:, s])
         shown = thinned(days[there], fit.residual[there, s])
         ax.plot(*shown, ms=3, mfc="none", mew=0.7, lw=0.7, **marked_line(s), label=shortened(sensor.name))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -14,6 +15,7 @@ from .experiment import Window
 
 BLACK = "#000000"
 _POINTS = 3000  # of a curve: more than a figure of this width shows
+_FEW = 8  # sensors, whose places the legend of the record has room for
 _NARROWEST = 0.004  # of the record, about a line's width: what is shorter is drawn as wide as this, or by a mark
 
 
@@ -43,7 +45,8 @@ def record(ax: Axes, case: Case, window: Window | None = None) -> None:
         sparse = there.any() and _joined(there).mean() > 1.5 * there.mean()
         shown = there if sparse else slice(None)  # a missing value breaks the line
         drawn = {**marks(s), "ls": "none", "ms": 3} if sparse else {**line(s), "lw": 1.0}
-        label = f"{shortened(sensor.name)} at {100 * sensor.position:.4g} cm"
+        place = f" at {100 * sensor.position:.3g} cm" if len(case.sensors) <= _FEW else ""
+        label = f"{shortened(sensor.name)}{place}"
         ax.plot(*thinned(days[shown], logged.sensors[shown, s]), **drawn, label=label)
     if window is not None:
         first, last = days[window.row], days[window.row + window.rows - 1]
@@ -90,7 +93,7 @@ def coverage(ax: Axes, case: Case) -> None:
     std = np.zeros((logged.rows, 2)) if logged.fill_std is None else logged.fill_std
     names = ["left face", "right face", *(shortened(name) for name in logged.names)]
     columns = (*logged.cleaning.faces, *logged.names)
-    keys = [Patch(color=GREY, label="readings")]
+    keys: list[Artist] = [Patch(color=GREY, label="readings")]
     shown = set()
     for k, column in enumerate(columns):
         filled = (std[:, k] > 0) & ~logged.broken if k < 2 else np.zeros(logged.rows, bool)

@@ -37,7 +37,7 @@ def density(ax: Axes, reliability: Reliability, sensor: int) -> None:
     bins = np.linspace(-edge, edge, 61)
     for name, values, tint in pairs:
         kept = values[np.isfinite(values)]
-        ax.hist(kept, bins=list(bins), density=True, histtype="stepfilled", alpha=0.35, color=tint, label=name)
+        ax.hist(kept, bins=list(bins), density=True, histtype="stepfilled", fc=(tint, 0.35), ec=tint, label=name)
     x = np.linspace(-edge, edge, 301)
     share, middle = _histogram(sigma)
     normal = np.exp(-0.5 * (x[:, None] / middle) ** 2) / (middle * np.sqrt(2 * np.pi))

@@ -62,7 +62,7 @@ def _layers(ax: Axes, wall: Wall) -> list[Patch]:
         inward = (14 if middle < right else -14) if thin else 0
         ax.annotate(
             str(count + 1),
-            (100 * middle, 0.05 + 0.1 * line),
+            (100 * middle, 0.04 + 0.07 * line),
             (inward, 0),
             textcoords="offset points",
             ha="center",
@@ -87,7 +87,7 @@ def _sensors(ax: Axes, case: Case) -> None:
         free = np.flatnonzero(ends <= (x - wide if to_left else x))
         line = int(free[0]) if len(free) else int(np.argmin(ends))
         ends[line] = x + (letter if to_left else wide)
-        y = 0.82 - 0.18 * line
+        y = 0.78 - 0.16 * line
         mark = ax.errorbar(x, y, xerr=100.0 * sensor.position_std, ls="none", capsize=3, ms=6, **marks(s))
         mark[0].set(markeredgecolor="black", markeredgewidth=0.6, gid=KEEP)
         ax.annotate(

@@ -1,0 +1,312 @@
+"""The figures as a person sees them: on plain Axes, nothing else set, each is complete and inside its figure."""
+
+import re
+from dataclasses import replace
+from importlib import resources
+from itertools import pairwise
+from unittest.mock import Mock
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+
+import wallid
+from wallid import _style, plot
+from wallid._legend import shortened
+from wallid.design import Design
+from wallid.estimated import Estimate
+from wallid.experiment import Window, fit_profile
+from wallid.lengths import Lengths
+from wallid.reliability import Loads, Reliability
+from wallid.sampling import Sampling
+from wallid.thermal import Thermal
+from wallid.wall import Layer
+
+LONG = "north_facade_inner_thermocouple_3b"
+MARKS = {name: getattr(plot, name) for name in ("BLUE", "ORANGE", "GREEN", "PURPLE", "SKY", "RED", "GREY")}
+
+# Machado, Oliveira and Fernandes, A physiologically-based model for simulation of color vision deficiency, IEEE
+# Transactions on Visualization and Computer Graphics 15 (2009) 1291, table 1 at full severity; on linear RGB
+MACHADO = {
+    "normal": np.eye(3),
+    "protanopia": [
+        [0.152286, 1.052583, -0.204868],
+        [0.114503, 0.786281, 0.099216],
+        [-0.003882, -0.048116, 1.051998],
+    ],
+    "deuteranopia": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ],
+    "tritanopia": [
+        [1.255528, -0.076749, -0.178779],
+        [-0.078411, 0.930809, 0.147602],
+        [0.004733, 0.691367, 0.303900],
+    ],
+}
+
+
+def _linear(colour):
+    rgb = np.array(to_rgb(colour))
+    return np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+
+
+def _lab(linear):
+    """CIE 1976 L*a*b* under D65, by the standard's definition."""
+    to_xyz = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    x = to_xyz @ np.clip(linear, 0, 1) / [0.9505, 1.0, 1.0890]
+    f = np.where(x > (6 / 29) ** 3, np.cbrt(x), x / (3 * (6 / 29) ** 2) + 4 / 29)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+def _contrast(one, other):
+    dark, light = sorted(float(_linear(tint) @ [0.2126, 0.7152, 0.0722]) for tint in (one, other))
+    return (light + 0.05) / (dark + 0.05)
+
+
+def test_lines_and_marks_stand_out_on_white_and_on_the_dark_page():
+    """WCAG 2.2, 1.4.11: 3:1; the page has a lighter grey of its own where it is dark."""
+    template = resources.files("wallid").joinpath("templates/report.html").read_text("utf-8")
+    white, dark = re.findall(r"--paper: (#\w{6})", template)
+    assert _style.contrast("black", "white") == pytest.approx(21.0)
+    for name, tint in MARKS.items():
+        assert _style.contrast(tint, white) == pytest.approx(_contrast(tint, white))
+        assert _contrast(tint, white) >= 3.0, name
+        assert name == "GREY" or _contrast(tint, dark) >= 3.0, name
+
+
+@pytest.mark.parametrize("vision", MACHADO)
+def test_every_kind_of_colour_vision_tells_the_colours_apart(vision):
+    """By 19 units of L*a*b*; what is just seen is some 2.3 (Mahy, Van Eycken and Oosterlinck, 1994)."""
+    seen = {name: _lab(np.asarray(MACHADO[vision]) @ _linear(tint)) for name, tint in MARKS.items()}
+    for name, one in seen.items():
+        for other, two in seen.items():
+            assert name == other or np.linalg.norm(one - two) > 19.0, (name, other)
+
+
+def test_two_dozen_sensors_differ_in_line_and_mark():
+    for look in (_style.line, _style.marks):
+        assert len({tuple(look(sensor).values()) for sensor in range(24)}) == 24
+        looks = [tuple(look(sensor).values()) for sensor in range(24)]
+        # next to each other in both signs
+        assert all(one[0] != two[0] and one[1] != two[1] for one, two in pairwise(looks))
+    assert not {*_style.FACES} & {*plot.SENSORS}
+
+
+def test_a_long_name_keeps_both_its_ends():
+    assert shortened("T1") == "T1"
+    assert len(shortened(LONG)) == 18 and shortened(LONG)[:5] == "north" and shortened(LONG)[-2:] == "3b"
+    assert shortened(LONG) != shortened(LONG.replace("3b", "4b"))
+
+
+@pytest.fixture(scope="module")
+def case():
+    return wallid.load("saint_julien")
+
+
+def _with_sensors(case, count):
+    """The case with so many sensors, the third of a long name, and layers, two of them thin."""
+    names = [f"P{k + 1}" if k != 2 else LONG for k in range(count)]
+    share = np.arange(1, count + 1) / (count + 1)
+    sensors = tuple(
+        replace(case.sensors[0], name=name, position=case.wall.length * x) for name, x in zip(names, share, strict=True)
+    )
+    left, right = case.record.faces.T
+    values = left[:, None] * (1 - share) + right[:, None] * share
+    layers = (Layer(0.015, 0.7, 1.4e6), Layer(case.wall.length - 0.027, 1.2, 1.6e6), Layer(0.012, 0.3, 1.1e6))
+    return replace(
+        case,
+        sensors=sensors,
+        record=replace(case.record, sensors=values, names=tuple(names)),
+        wall=replace(case.wall, layers=layers),
+    )
+
+
+def _fit(case):
+    window = Window(168, 72)
+    predicted = case.record.sensors[168:240]
+    history = {"diffusivity": np.array([3e-7, 9e-7, 1e-6, 1e-6]), "gamma_1": np.array([0, 1, 0.1, 1e-8])}
+    return Estimate(
+        value=1e-6, std=2.5e-8, interval_95=(0.9e-6, 1.1e-6), offsets={}, result="", reliable=True, reason="",
+        iterations=2, evaluations=3, history=history | {"gamma_2": np.array([0, 1, 0.2, 1e-6])}, rounds=1,
+        reduced_chi_square=1.0, predicted=predicted, residual=0.1 * np.sin(predicted), covariance=np.eye(1),
+        singular_values=np.ones(1), model_shift=0.0, profile=fit_profile(case, 10), model="", window=window,
+    )  # fmt: skip
+
+
+def _reliability(case):
+    days, measured = np.asarray(case.record.time) / 86400.0, case.record.sensors
+    rng = np.random.default_rng(1)
+    noise = rng.normal(0.0, 0.1, measured.shape)
+    sigma = rng.uniform(0.1, 0.4, measured.shape)
+    return Reliability(days, case.record.names, measured, measured + 5 * noise, measured + noise, sigma, 0.1, None)
+
+
+DESIGN = Design(
+    rows=72, starts=24 * np.arange(20), diffusivities=(2e-7, 5e-7, 1e-6, 2e-6),
+    information=np.random.default_rng(0).uniform(0.1, 1.0, (4, 20)), best=Window(24, 72), restart=True, step=3600.0,
+    labels=("", ""),
+)  # fmt: skip
+LENGTHS = Lengths(np.array([1.0, 2.0, 3.0]), np.array([0.2, 0.6, 1.0]), np.array([4e-4, np.nan, 5e-4]))
+SAMPLING = Sampling(
+    steps=np.array([900.0, 3600.0, 7200.0]), rows=np.array([400, 100, 50]), std=np.array([0.01, 0.02, 0.03]),
+    shift=np.array([0.0, 0.0, 0.002]), own=3600.0, diffusivity=1e-6, labels=("", ""),
+)  # fmt: skip
+
+DRAWN = {
+    "wall": lambda ax, case: plot.wall(ax, case),
+    "record": lambda ax, case: plot.record(ax, case, Window(168, 72)),
+    "coverage": lambda ax, case: plot.coverage(ax, case),
+    "theta": lambda ax, case: plot.theta(ax, case, np.arange(40.0), case.record.sensors[:40]),
+    "criterion": lambda ax, case: plot.criterion(ax, DESIGN),
+    "compromise": lambda ax, case: plot.compromise(ax, LENGTHS),
+    "sampling": lambda ax, case: plot.sampling(ax, SAMPLING),
+    "convergence": lambda ax, case: plot.convergence(ax, plt.subplots()[1], _fit(case)),
+    "stopping criteria": lambda ax, case: plot.convergence(plt.subplots()[1], ax, _fit(case)),
+    "measured against simulated": lambda ax, case: plot.measured_against_simulated(ax, case, _fit(case)),
+    "residual": lambda ax, case: plot.residual(ax, case, _fit(case)),
+    "profile": lambda ax, case: plot.initial_profile(ax, case, Window(168, 72)),
+    "last week": lambda ax, case: plot.last_week(ax, _reliability(case), 2),
+    "density": lambda ax, case: plot.density(ax, _reliability(case), 2),
+    "uncertainty": lambda ax, case: plot.uncertainty(ax, _reliability(case)),
+}
+
+
+@pytest.fixture
+def ax():
+    """As a reader's notebook has them: matplotlib's own style and size."""
+    with plt.rc_context(plt.rcParamsDefault):
+        yield plt.subplots()[1]
+    plt.close("all")
+
+
+def check_complete(ax, legend=True, named=False):
+    """Labels, or names on the axes; a legend where there are several curves; nothing past the figure's edges."""
+    figure = ax.get_figure()
+    figure.canvas.draw()
+    assert (ax.get_xlabel() or named) and (ax.get_ylabel() or ax.get_yticklabels() or not len(ax.get_yticks()))
+    if legend:
+        assert ax.get_legend() is not None
+    for axes in figure.axes:
+        extent, edges = axes.get_tightbbox(), figure.bbox.padded(1.0)
+        assert edges.x0 <= extent.x0 and extent.x1 <= edges.x1, extent
+        assert edges.y0 <= extent.y0 and extent.y1 <= edges.y1, extent
+
+
+@pytest.mark.parametrize("count", [3, 8, 24])
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_figure_on_plain_axes_is_complete(ax, case, name, count):
+    DRAWN[name](ax, case if count == 3 else _with_sensors(case, count))
+    check_complete(ax)
+    legend, frame = ax.get_legend().get_window_extent(), ax.get_window_extent()
+    label = ax.xaxis.label.get_window_extent()
+    assert not legend.overlaps(label), "the legend hides the label"
+    assert frame.width > 0.6 * ax.get_figure().bbox.width and frame.height > 0.35 * ax.get_figure().bbox.height
+
+
+@pytest.mark.parametrize("name", ["flux", "loads"])
+def test_a_figure_of_one_curve_is_complete(ax, name):
+    factors = np.array([0.8, 0.9, 1.0, 1.1, 1.2])
+    loads = Loads(np.sin(np.arange(100.0)), factors, 1e6 * factors, 1.0)
+    plot.loads(ax, loads) if name == "loads" else plot.flux(ax, np.arange(100.0), loads)
+    check_complete(ax, legend=False)
+
+
+def test_curves_keep_clear_of_their_legend(ax, case):
+    """Room is made for as many rows as there are, by what they measure."""
+    plot.record(ax, _with_sensors(case, 8))
+    ax.get_figure().canvas.draw()
+    legend = ax.get_legend().get_window_extent()
+    highest = max(ax.transData.transform((0.0, np.nanmax(line.get_ydata())))[1] for line in ax.lines)
+    assert highest <= legend.y0 + 1.0
+
+
+def test_each_sensor_looks_the_same_in_every_figure(case):
+    """By colour and a second sign, lines or marks."""
+    many = _with_sensors(case, 8)
+    for name in ("record", "theta", "measured against simulated", "residual"):
+        _, ax = plt.subplots()
+        DRAWN[name](ax, many)
+        lines = {line.get_label().split(" at ")[0]: line for line in ax.lines}
+        for s, sensor in enumerate(many.sensors):
+            line = lines[shortened(sensor.name)]
+            assert line.get_color() == plot.colour(s), name
+            own = plt.Line2D([], [], **_style.line(s))
+            assert line.get_linestyle() == own.get_linestyle(), name
+        plt.close("all")
+
+
+def test_the_wall_says_what_each_layer_is_made_of(ax, case):
+    many = _with_sensors(case, 8)
+    plot.wall(ax, many)
+    ax.get_figure().canvas.draw()
+    told = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert told[0] == "1: 1.5 cm, 0.7 W/m/K, 1.4 MJ/m³/K, 5e-07 m²/s"
+    assert told[-1] == "sensors, ± 1 standard deviation of the place"
+    begin, thin = 0.0, 0
+    for count, layer in enumerate(many.wall.layers):
+        (number,) = [text for text in ax.texts if text.get_text() == str(count + 1)]
+        left, right = ax.transData.transform([(100 * begin, 0), (100 * (begin + layer.thickness), 0)])[:, 0]
+        extent = number.get_window_extent()
+        faces = ax.transData.transform([(0.0, 0), (100 * many.wall.length, 0)])[:, 0]
+        assert faces[0] < extent.x0 and extent.x1 < faces[1]
+        inside = left <= extent.x0 and extent.x1 <= right
+        assert inside or number.arrow_patch is not None
+        thin += not inside
+        begin += layer.thickness
+    assert thin == 2
+
+
+def test_single_missing_readings_are_seen(ax, case):
+    """Two cells without a reading in months, and a face's that was interpolated: as wide as a line."""
+    values, fill = case.record.sensors.copy(), np.zeros((case.record.rows, 2))
+    values[[900, 1500], 0], fill[500, 0] = np.nan, 0.1
+    plot.coverage(ax, replace(case, record=replace(case.record, sensors=values, fill_std=fill)))
+    days = np.asarray(case.record.time) / 86400.0
+    marks = [line for line in ax.lines if line.get_marker() == "|" and len(line.get_xdata())]
+    (mark,) = marks
+    np.testing.assert_allclose(mark.get_xdata(), days[[900, 1500]])
+    assert set(mark.get_ydata()) == {2} and mark.get_color() == "#000000"
+    told = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert told == ["readings", "interpolated", "single readings missing or masked"]
+    widths = [np.ptp(path.vertices[:, 0]) for bars in ax.collections for path in bars.get_paths()]
+    assert min(widths) * ax.get_window_extent().width / days[-1] > 1.0
+
+
+def test_measured_flux_is_seen_over_the_simulated(ax, case):
+    faces = replace(case.record, regressors={"flux_left": np.sin(np.arange(case.record.rows))})
+    fit = _fit(case)
+    fit = replace(
+        fit,
+        predicted=np.column_stack([fit.predicted, faces.regressors["flux_left"][168:240]]),
+        residual=np.zeros((72, 4)),
+        thermal=Mock(spec=Thermal, gains={"left": (0.0, 0.1)}),
+    )
+    plot.measured_flux(ax, replace(case, record=faces), fit, 0)
+    lines = {line.get_label(): line for line in ax.lines}
+    assert ax.lines.index(lines["measured"]) > ax.lines.index(lines["simulated"])
+    assert lines["measured"].get_alpha() is None and lines["simulated"].get_color() != lines["measured"].get_color()
+    check_complete(ax)
+
+
+def test_only_lengths_that_were_timed_have_a_cost(ax):
+    plot.compromise(ax, LENGTHS)
+    (cost,) = [other for other in ax.get_figure().axes if other is not ax]
+    np.testing.assert_allclose(cost.lines[0].get_xdata(), [1.0, 3.0])
+    assert "nan" not in str(LENGTHS)
+
+
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [
+        ("criterion", r"$\Psi / \Psi_{max}$ (-)"),
+        ("compromise", r"$\Psi / \Psi_{longest}$ (-)"),
+        ("stopping criteria", "relative change (-)"),
+        ("sampling", "error of the diffusivity (%)"),
+    ],
+)
+def test_an_ordinate_names_its_quantity_and_unit(ax, case, name, label):
+    DRAWN[name](ax, case)
+    assert ax.get_ylabel() == label
