@@ -41,27 +41,24 @@ def wall(ax: Axes, case: Case) -> None:
 
 def _layers(ax: Axes, wall: Wall) -> list[Patch]:
     """The layers, numbered where there are several, and what each is made of."""
-    whole = (wall.length, wall.conductivity, wall.heat_capacity)
-    layers = [(layer.thickness, layer.conductivity, layer.heat_capacity) for layer in wall.layers] or [whole]
-    keys, begin, line, right = [], 0.0, 0, 0.5 * wall.length
-    for count, (thickness, conductivity, heat_capacity) in enumerate(layers):
-        fill, end = _FILLS[count % len(_FILLS)], begin + thickness
+    if not wall.layers:
+        prior = f"prior {wall.diffusivity_prior:.3g} m²/s"
+        key = _key(_FILLS[0], wall.length, wall.conductivity, wall.heat_capacity, prior)
+        ax.axvspan(0.0, 100 * wall.length, color=_FILLS[0], lw=0)
+        return [key]
+    keys, begin, line = [], 0.0, 0
+    for count, layer in enumerate(wall.layers, start=1):
+        fill, end = _FILLS[(count - 1) % len(_FILLS)], begin + layer.thickness
         ax.axvspan(100 * begin, 100 * end, color=fill, lw=0)
-        made_of = [] if conductivity is None else [f"{conductivity:.4g} W/m/K"]
-        made_of += [] if heat_capacity is None else [f"{1e-6 * heat_capacity:.4g} MJ/m³/K"]
-        if not wall.layers:
-            made_of.append(f"prior {wall.diffusivity_prior:.3g} m²/s")
-        elif conductivity is not None and heat_capacity is not None:
-            made_of.append(f"{conductivity / heat_capacity:.3g} m²/s")
-        number = f"{count + 1}: " if wall.layers else ""
-        keys.append(Patch(color=fill, label=f"{number}{100 * thickness:.4g} cm, {', '.join(made_of)}"))
-        if not wall.layers:
-            continue
-        middle, thin = 0.5 * (begin + end), thickness < _THIN * wall.length
+        diffusivity = f"{layer.conductivity / layer.heat_capacity:.3g} m²/s"
+        key = _key(fill, layer.thickness, layer.conductivity, layer.heat_capacity, diffusivity)
+        key.set_label(f"{count}: {key.get_label()}")
+        keys.append(key)
+        middle, thin = 0.5 * (begin + end), layer.thickness < _THIN * wall.length
         line = (line + 1) % _LINES if thin else 0
-        inward = (14 if middle < right else -14) if thin else 0
+        inward = (14 if middle < 0.5 * wall.length else -14) if thin else 0
         ax.annotate(
-            str(count + 1),
+            str(count),
             (100 * middle, 0.04 + 0.07 * line),
             (inward, 0),
             textcoords="offset points",
@@ -73,6 +70,14 @@ def _layers(ax: Axes, wall: Wall) -> list[Patch]:
         )
         begin = end
     return keys
+
+
+def _key(fill: str, thickness: float, conductivity: float | None, heat_capacity: float | None, last: str) -> Patch:
+    """A layer in the legend: what is known of it."""
+    known = [f"{100 * thickness:.4g} cm"]
+    known += [] if conductivity is None else [f"{conductivity:.4g} W/m/K"]
+    known += [] if heat_capacity is None else [f"{1e-6 * heat_capacity:.4g} MJ/m³/K"]
+    return Patch(color=fill, label=", ".join([*known, last]))
 
 
 def _sensors(ax: Axes, case: Case) -> None:
