@@ -1,3 +1,4 @@
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -5,7 +6,7 @@ import pytest
 from systems import scipy_field_and_sensitivity
 
 import wallid
-from wallid.experiment import dimensionless_profile, profile_degree
+from wallid.experiment import dimensionless_profile, large_model, profile_degree
 
 
 @pytest.fixture(scope="module")
@@ -109,6 +110,17 @@ def test_lengths_hold_criterion_and_cost(case):
     assert seen == [1.0, 3.0]
     np.testing.assert_array_equal(found.seconds, [24.0, 72.0])
     assert found.criterion[1] == 1.0 and 0 < found.criterion[0] < 1
+    four = wallid.lengths(case, [1.0, 2.0, 3.0, 4.0], lambda window: float(window.rows))
+    np.testing.assert_array_equal(four.seconds, [24.0, np.nan, 72.0, 96.0])  # nothing made up between
+    assert str(four).count(" ms") == 3 and "nan" not in str(four)
+
+
+def test_a_short_estimate_is_timed_many_times(monkeypatch, case):
+    """Half a millisecond is what else a machine does in between: three runs told of that."""
+    ran = []
+    monkeypatch.setattr(sys.modules["wallid.estimate"], "fit_experiment", lambda *given: ran.append(given))
+    assert 0 <= wallid.seconds_of_estimate(case, wallid.Window(0, 72), large_model(case)) < 0.1
+    assert len(ran) == 31
 
 
 def test_a_record_without_information_says_so(case):
