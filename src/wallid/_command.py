@@ -79,6 +79,8 @@ def _summarise(done: workflow.Run, name: str, written: list[Path]) -> None:
     """What was found, where it lies, and what to ask next."""
     print(done)
     print(f"\nwrote        {', '.join(path.name for path in written)} to {written[0].parent}")
+    if kept := [path.name for path in written if path.name.startswith("report-")]:
+        print(f"kept         the report of an earlier command there, as {kept[0]}")
     if done.fit is not None and done.explanation is None and done.case.sensors and not done.unreliable:
         print(f"next         wallid diagnose {shlex.quote(name)}: does the model miss something?")
 

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ._numbers import prose
+from .figures import shaded
+
 if TYPE_CHECKING:
     from .campaign import Pooled
     from .design import Design
@@ -16,7 +19,7 @@ if TYPE_CHECKING:
     from .reliability import Reliability
     from .workflow import Run
 
-Alternative = Callable[["Run"], str]
+Words = Callable[["Run"], str]
 
 
 def _wall(run: Run) -> str:
@@ -33,8 +36,23 @@ def _record(run: Run) -> str:
     return (
         f"Temperatures over {record.duration / 86400:.3g} days: left face {low[0]:.1f} to {high[0]:.1f} degC, right "
         f"face {low[1]:.1f} to {high[1]:.1f} degC, {len(record.names)} inner sensors"
-        + ("; below, when each has readings." if run.check is not None else "; the window used is shaded.")
+        + ("; below, when each has readings." if run.check is not None else _used(run))
     )
+
+
+def _used(run: Run) -> str:
+    return "." if shaded(run) is None else "; the window used is shaded."
+
+
+def _record_caption(run: Run) -> str:
+    if run.check is not None:
+        return (
+            "What was logged, and when each face and sensor has readings: yellow where a face was interpolated, black "
+            "marks where a reading was masked, grey where the record is broken."
+        )
+    window = "" if shaded(run) is None else " The yellow band is the window used."
+    broken = " A grey band is a break of the record." if len(run.case.record.unbroken) > 1 else ""
+    return f"What was logged.{window}{broken}"
 
 
 def _design(run: Run, found: Design) -> str:
@@ -60,10 +78,37 @@ def _campaign(run: Run, found: Pooled) -> str:
 
 
 def _estimate(run: Run, fit: Estimate) -> str:
+    steps = f"The estimate goes to {fit.value:.4g} m2/s in {len(fit.history['diffusivity']) - 1} steps"
+    if not fit.sensors:
+        return f"{steps}, and its changes fall below the stopping criterion."
     gap = float(np.sqrt(np.nanmean(fit.residual[:, : fit.sensors] ** 2)))
+    return f"{steps}; simulated and measured temperatures differ by {gap:.2g} K root mean square."
+
+
+def _estimate_caption(run: Run) -> str:
+    if not run.case.sensors:
+        return "Convergence of the estimate."
     return (
-        f"The estimate goes to {fit.value:.4g} m2/s in {fit.iterations} steps; simulated and measured "
-        f"temperatures differ by {gap:.2g} K root mean square."
+        "Convergence of the estimate, and the temperatures measured against those simulated with it. Shaded: where 95 "
+        "of 100 readings would lie by the sensors' stated noise and the diffusivity's standard error."
+    )
+
+
+def _orders(run: Run) -> str:
+    errors = "; ".join(
+        f"order {one.system.order}: {one.eps_inf[0]:.1e} (temperature), {one.eps_inf[1]:.1e} (sensitivity)"
+        for one in run.orders
+    )
+    return f"Largest errors of reduced models over their learning signals, dimensionless, by order. {errors}."
+
+
+def _loads(run: Run, found: Reliability) -> str:
+    if (loads := found.loads) is None:
+        return ""
+    return (
+        f"Heat flux through the inner face, {np.nanmin(loads.flux):.3g} to {np.nanmax(loads.flux):.3g} W/m2; its "
+        f"energy moves by {loads.change[0]:+.1%} to {loads.change[-1]:+.1%} for {loads.factors[0] - 1:+.0%} to "
+        f"{loads.factors[-1] - 1:+.0%} of the diffusivity."
     )
 
 
@@ -83,7 +128,15 @@ def _reliability(run: Run, found: Reliability) -> str:
         f"{name} {after:.2g} K ({before:.2g} K with the prior)"
         for name, (before, after, _) in zip(found.names, sizes, strict=True)
     )
-    return f"The record's last week against the prediction, and the residuals' densities: {told}."
+    return (
+        "The record's last week against the prediction, and the residuals' densities over the whole record, root mean "
+        f"square: {told}."
+    )
+
+
+def _refused(found: Explanation) -> str:
+    """What the later model is, where it may not stand."""
+    return " The nearest known effect is shown although it was refused." if found.effects and found.incomplete else ""
 
 
 def _missing(run: Run, found: Explanation) -> str:
@@ -91,33 +144,55 @@ def _missing(run: Run, found: Explanation) -> str:
     most = f"; {first.label} explains most by itself" if first else ""
     return (
         f"The gap goes from {found.gap.before:.2g} K to {found.gap.after:.2g} K, the noise floor is "
-        f"{found.gap.floor:.2g} K{most}."
+        f"{found.gap.floor:.2g} K{most}.{_refused(found)}"
     )
 
 
 def _residuals(run: Run, found: Explanation) -> str:
-    sizes = ", ".join(
-        f"{name} {before:.2g} to {after:.2g} K"
-        for (name, before), after in zip(
-            found.left_before.by_sensor.items(), found.left_after.by_sensor.values(), strict=True
-        )
+    before, after = found.left_before.by_sensor, found.left_after.by_sensor
+    if not found.after.active:
+        sizes = ", ".join(f"{name} {size:.2g} K" for name, size in before.items())
+        return f"Measured minus simulated by sensor over time and by hour of the day, root mean square: {sizes}."
+    sizes = ", ".join(f"{name} {size:.2g} to {after[name]:.2g} K" for name, size in before.items())
+    return (
+        f"Measured minus simulated by sensor over time and by hour of the day, root mean square before and after: "
+        f"{sizes}.{_refused(found)}"
     )
-    return f"Measured minus simulated by sensor over time and by hour of the day, before and after: {sizes}."
 
 
-def _about(part: str, tell: Callable[[Run, Any], str]) -> Alternative:
+def _residuals_caption(run: Run) -> str:
+    models = "models leave" if run.explanation is not None and run.explanation.after.active else "plain model leaves"
+    return f"What the {models}, by sensor and time, and by sensor and hour of the day."
+
+
+def _missing_caption(run: Run) -> str:
+    shrinks = (
+        "How far the gap between model and readings is from the noise floor"
+        if run.explanation is None or not run.explanation.after.active
+        else "How the gap between model and readings shrinks with each effect towards the noise floor"
+    )
+    refused = "" if run.explanation is None else _refused(run.explanation)
+    return f"{shrinks}, and what each effect of the library would explain beside the plain model.{refused}"
+
+
+def _windows_caption(run: Run) -> str:
+    refused = "" if run.explanation is None else _refused(run.explanation)
+    return f"The size of what was found, quarter by quarter of the record: a true effect is the same in each.{refused}"
+
+
+def _about(part: str, tell: Callable[[Run, Any], str]) -> Words:
     """Told of a part of the run; nothing where the run did not get there."""
     return lambda run: "" if getattr(run, part) is None else tell(run, getattr(run, part))
 
 
-def _said(text: str) -> Alternative:
+def _said(text: str) -> Words:
     return lambda run: text
 
 
-CAPTIONS: dict[str, tuple[str, Alternative]] = {
+_CAPTIONS: dict[str, tuple[str | Words, Words]] = {
     "wall": ("The wall in section, to scale across, with the places of its sensors.", _wall),
     "record": (
-        "What was logged. A yellow band is the window that an estimate uses, a grey one a break of the record.",
+        _record_caption,
         _record,
     ),
     "design": (
@@ -137,16 +212,16 @@ CAPTIONS: dict[str, tuple[str, Alternative]] = {
     ),
     "orders": (
         "Error of the reduced model against its order.",
-        _said("Largest errors of reduced models fall with their order; the numbers are in result.json."),
+        _orders,
     ),
     "estimate": (
-        "Convergence of the estimate, and the temperatures measured against those simulated with it. Shaded: where 95 "
-        "of 100 readings would lie by the sensors' stated noise and the diffusivity's standard error.",
+        _estimate_caption,
         _about("fit", _estimate),
     ),
     "reliability": (
-        "The whole record, of which the estimate saw only a window, against the prediction; beside it the residuals' "
-        "density and that of the measurement's own uncertainty.",
+        "Left: the record's last week, measured and predicted with prior and estimate. Right: the residuals' density "
+        "over the whole record, of which the estimate saw only a window, and that of the measurement's own "
+        "uncertainty.",
         _about("reliability", _reliability),
     ),
     "uncertainty": (
@@ -155,21 +230,22 @@ CAPTIONS: dict[str, tuple[str, Alternative]] = {
         _said("Combined measurement uncertainty of each sensor over the record, and the initial profile."),
     ),
     "flux": (
-        "Heat flux at the faces, measured (dots) and simulated. The first readings are left out: they follow from the "
-        "initial profile's short waves, which nothing tells.",
+        "Heat flux at the faces: measured (dots) and simulated, what is left, and its density beside the stated "
+        "noise's. Shaded: where 95 of 100 readings would lie by that noise, on the left with the conductivity's "
+        "standard error too. The first readings are left out: they follow from the initial profile's short waves, "
+        "which nothing tells.",
         _about("fit", _flux),
     ),
     "loads": (
         "Heat flux through the inner face, and how the energy that passes moves with the diffusivity.",
-        _said("Heat flux through the inner face, and its energy for several diffusivities; the numbers are below."),
+        _about("reliability", _loads),
     ),
     "missing": (
-        "How the gap between model and readings shrinks with each effect towards the noise floor, and what each "
-        "effect of the library would explain beside the plain model.",
+        _missing_caption,
         _about("explanation", _missing),
     ),
     "residuals": (
-        "What the models leave, by sensor and time, and by sensor and hour of the day.",
+        _residuals_caption,
         _about("explanation", _residuals),
     ),
     "remainder": (
@@ -182,11 +258,11 @@ CAPTIONS: dict[str, tuple[str, Alternative]] = {
         _said("Measured and simulated temperatures in the plain model's worst week, and their differences."),
     ),
     "confusable": (
-        "Which effects leave the same trace in this record: dark cells are pairs that it cannot tell apart.",
+        "Which effects leave the same trace in this record: a pair near 1 cannot be told apart.",
         _said("Matrix of the likeness, 0 to 1, of the traces that the effects of the library leave in this record."),
     ),
     "windows": (
-        "The size of what was found, quarter by quarter of the record: a true effect is the same in each.",
+        _windows_caption,
         _said("Size of each effect found, with its uncertainty, in four quarters of the record."),
     ),
     "periodogram": (
@@ -194,4 +270,18 @@ CAPTIONS: dict[str, tuple[str, Alternative]] = {
         _said("Cumulative periodogram of the residual of each sensor with the band that noise alone would keep."),
     ),
 }
-"""By the stem of each figure's file."""
+
+
+def caption(stem: str, run: Run) -> str:
+    """How to read the figure of a stem."""
+    text = _CAPTIONS[stem][0]
+    return text if isinstance(text, str) else text(run)
+
+
+def alternative(stem: str, run: Run) -> str:
+    """What the figure of a stem shows, in words."""
+    return prose(_CAPTIONS[stem][1](run))
+
+
+STEMS = tuple(_CAPTIONS)
+"""Of the figures that have a caption."""

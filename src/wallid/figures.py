@@ -11,14 +11,15 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 
-from . import plot
+from . import plot, plot_flux
 from ._legend import shared_legend
 from .discrepancy import Explanation
 from .discrepancy.extend import Fit
 from .discrepancy.locate import Remainder
 from .estimate import theta_kelvin
-from .experiment import diagnosed, large_model, whole
+from .experiment import Window, diagnosed, large_model, whole
 
 if TYPE_CHECKING:
     from .workflow import Run
@@ -47,6 +48,14 @@ STEMS = (
 _MOST_POINTS = 20_000  # of a line: past it a drawing holds it as pixels
 _MOST_MARKERS = 400  # of a line: each is a stroke of its own
 _MOST_SENSORS = 6  # of the worst week's figure
+_NARROW = 4.0  # inches
+_REFUSED = {
+    "in the model": "nearest effect, refused",
+    "cannot be told from it": "cannot be told from that",
+    "with the effect": "with the nearest effect, refused",
+    "with the effects": "with the nearest effects, refused",
+}
+"""How the legends speak of an effect that was tried and may not stand."""
 
 
 def save(
@@ -55,13 +64,15 @@ def save(
     kind: str = "",
     *,
     salt: str = "",
-    transparent: bool = False,
+    facecolor: str = "auto",
     most_points: int = _MOST_POINTS,
 ) -> None:
     """Write a figure, the same bytes each time; of a drawing, what would be too many strokes is held as pixels.
 
     Arguments:
-        kind: "png", "svg" or "pdf"; a path's own where it is empty. salt: of the names within an SVG.
+        kind: "png", "svg" or "pdf"; a path's own where it is empty.
+        salt: of the names within an SVG.
+        facecolor: of the ground.
         most_points: of a line that is not held as pixels.
     """
     for ax in made.axes:
@@ -77,7 +88,7 @@ def save(
     own = {"svg.hashsalt": salt, "svg.fonttype": "path", "figure.constrained_layout.use": False}
     with plot.style(), mpl.rc_context(own):  # pyright: ignore[reportArgumentType]
         _lay_out(made)
-        made.savefig(to, format=kind, transparent=transparent, metadata=undated)
+        made.savefig(to, format=kind, facecolor=facecolor, metadata=undated)
 
 
 def _lay_out(made: Figure) -> None:
@@ -110,8 +121,8 @@ def figures(run: Run) -> Iterator[tuple[str, Figure]]:
             made, ax = plot.figure(height=1.6 + 0.22 * min(len(run.campaign.windows), 40))
             plot.forest(ax, run.campaign)
             yield "campaign", made
-        if run.fit is not None and run.case.sensors:
-            yield "estimate", _estimate_figure(run)
+        if run.fit is not None:
+            yield "estimate", _estimate_figure(run) if run.case.sensors else _convergence_figure(run)
         if run.fit is not None and run.fit.thermal is not None:
             yield "flux", _flux_figure(run)
         if run.reliability is not None:
@@ -133,11 +144,27 @@ def _record_figure(run: Run) -> Figure:
         plot.coverage(axes[1], run.case)
         return made
     made, ax = plot.figure(height=3.2)
-    window = run.fit.window if run.fit else run.design.best if run.design else None
-    if window is None and run.explanation is not None and run.case.choices.diagnose_days is not None:
-        window = diagnosed(run.case)
-    plot.record(ax, run.case, window)
+    plot.record(ax, run.case, shaded(run))
     return made
+
+
+def shaded(run: Run) -> Window | None:
+    """The window that the record's figure marks; None where all of the record is used, or none of it."""
+    if run.fit is not None:
+        return run.fit.window
+    if run.design is not None:
+        return run.design.best
+    if run.explanation is not None and run.case.choices.diagnose_days is not None:
+        return diagnosed(run.case)
+    return None
+
+
+def narrow(run: Run) -> Iterator[tuple[str, Figure]]:
+    """What a small screen shows instead of the figure of the same stem: as legible, and not as wide."""
+    with plot.style():
+        made, ax = plot.figure(width=_NARROW, height=1.8)
+        plot.wall(ax, run.case)
+        yield "wall", made
 
 
 def _design_figure(run: Run) -> Figure:
@@ -164,12 +191,24 @@ def _estimate_figure(run: Run) -> Figure:
     return made
 
 
+def _convergence_figure(run: Run) -> Figure:
+    """Of an estimate from fluxes alone: there are no temperatures to show beside it."""
+    assert run.fit is not None
+    made, axes = plot.figure(1, 2, width=9.0, height=2.8)
+    plot.convergence(axes[0], axes[1], run.fit)
+    return made
+
+
 def _flux_figure(run: Run) -> Figure:
+    """A row for each plate: measured and simulated, what is left, and its density."""
     assert run.fit is not None and run.fit.thermal is not None
     plates = len(run.fit.thermal.gains)
-    made, axes = plot.figure(plates, 1, width=8.0, height=2.8)
-    for p, ax in enumerate(np.ravel(axes)):
-        plot.measured_flux(ax, run.case, run.fit, p)
+    made, axes = plot.figure(plates, 3, width=11.0, height=2.8)
+    for p, (course, residual, density) in enumerate(np.atleast_2d(axes)):
+        plot_flux.flux_interval(course, run.case, run.fit, p)
+        plot.measured_flux(course, run.case, run.fit, p)
+        plot_flux.flux_residual(residual, run.case, run.fit, p)
+        plot_flux.flux_density(density, run.case, run.fit, p)
     return made
 
 
@@ -213,7 +252,8 @@ def _shown(explanation: Explanation) -> list[tuple[str, Fit, Remainder]]:
     before = ("Plain model", explanation.before, explanation.left_before)
     if not explanation.after.active:
         return [before]
-    words = "With the effect" if len(explanation.effects) == 1 else "With the effects"
+    effects = "effect" if len(explanation.effects) == 1 else "effects"
+    words = f"Nearest {effects}, refused" if explanation.incomplete else f"With the {effects}"
     return [before, (words, explanation.after, explanation.left_after)]
 
 
@@ -221,7 +261,15 @@ def _missing_figure(explanation: Explanation) -> Figure:
     made, axes = plot.figure(2, 1, width=8.0, height=3.2)
     plot.waterfall(axes[0], explanation)
     plot.ranked_gains(axes[1], explanation)
+    if explanation.incomplete:
+        _refuse(axes[1].get_legend())
     return made
+
+
+def _refuse(legend: Legend) -> None:
+    """Tell an effect that may not stand from one that was found."""
+    for text in legend.get_texts():
+        text.set_text(_REFUSED.get(text.get_text(), text.get_text()))
 
 
 def _residuals_figure(explanation: Explanation) -> Figure:
@@ -247,7 +295,9 @@ def _week_figure(explanation: Explanation) -> Figure:
         if s > 0:
             row[1].sharey(np.ravel(axes)[1])  # to see which sensor misses most
         plot.week_residuals(row[1], explanation, s, legend=False)
-    shared_legend(made, np.ravel(axes)[0])
+    legend = shared_legend(made, np.ravel(axes)[0])
+    if explanation.incomplete:
+        _refuse(legend)
     return made
 
 

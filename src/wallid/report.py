@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,6 +17,9 @@ from .workflow import Run
 
 FORMATS = ("png", "svg", "pdf")
 """In which figures can be written."""
+COMMANDS = ("demo", "run", "check", "design", "estimate", "diagnose")
+"""That write a report; each keeps what another one left in its folder."""
+_COMMAND = re.compile(rf"wallid (?P<name>{'|'.join(COMMANDS)})\b")
 
 
 def dumps(run: Run) -> str:
@@ -52,11 +56,54 @@ def write(run: Run, out: str | Path, command: str = "", formats: Sequence[str] =
     out = Path(out)
     with _folder(out) as made:
         names = _fill(run, made, command, formats)
+        names += _keep(out, made, _name_of(command))
         for name in names:
             os.replace(made / name, out / name)
-    for stale in _written() - set(names):
-        (out / stale).unlink(missing_ok=True)
+    stale = _written() - set(names)
+    if own := _name_of(command):
+        stale |= set(_kept_names(own)) - set(names)
+    for name in stale:
+        (out / name).unlink(missing_ok=True)
     return [out / name for name in names]
+
+
+def _name_of(command: str) -> str:
+    """Which of the commands a line is; empty where it is none of them."""
+    found = _COMMAND.match(command)
+    return found["name"] if found else ""
+
+
+def _kept_names(name: str) -> tuple[str, str]:
+    """The files that another command's report and numbers are kept as, by its name."""
+    return f"report-{name}.html", f"result-{name}.json"
+
+
+def _keep(out: Path, made: Path, name: str) -> list[str]:
+    """What another command left in `out`, under its own name, and links from page to page; the files' names."""
+    from .page import linked
+
+    earlier = _earlier(out)
+    names: list[str] = []
+    if earlier not in ("", name) and name:
+        names += _kept_names(earlier)
+        (made / names[1]).write_text((out / "result.json").read_text("utf-8"), encoding="utf-8")
+        text = linked((out / "report.html").read_text("utf-8"), {"report.html": f"Made later by wallid {name}"})
+        (made / names[0]).write_text(text, encoding="utf-8")
+    there = [other for other in COMMANDS if other != name and name and _kept_names(other)[0] in names]
+    there += [other for other in COMMANDS if other not in (name, *there) and (out / _kept_names(other)[0]).exists()]
+    page = made / "report.html"
+    links = {_kept_names(other)[0]: f"Made earlier by wallid {other}" for other in there}
+    page.write_text(linked(page.read_text("utf-8"), links), encoding="utf-8")
+    return names
+
+
+def _earlier(out: Path) -> str:
+    """Which command left report and numbers in a folder; empty where there is none, or nothing says which."""
+    try:
+        told = json.loads((out / "result.json").read_text("utf-8"))
+        return _name_of(told["command"]) if (out / "report.html").exists() else ""
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
 
 
 def _written() -> set[str]:
@@ -103,7 +150,7 @@ def _fill(run: Run, folder: Path, command: str, formats: Sequence[str]) -> list[
             names.append(f"{stem}.{kind}")
             save(made, folder / names[-1])
         drawn.append((stem, made))
-    found = result(run)
+    found = result(run) | ({"command": command} if command else {})
     names.append("report.html")
     (folder / names[-1]).write_text(page(run, found, drawn, command), encoding="utf-8")
     if run.learned is not None:

@@ -13,6 +13,7 @@ from .discrepancy.result import evidence
 from .estimate import Estimate
 from .experiment import diagnosed, scales
 from .identifiability import COLLINEAR
+from .mim import Learned
 from .quantity import Quantity
 from .thermal import Thermal
 from .workflow import Run
@@ -38,12 +39,15 @@ def result(run: Run) -> dict[str, Any]:
     if run.design is not None:
         found["design"] = _design(run)
     if run.learned is not None:
-        found["reduced_model"] = {
-            "order": run.learned.system.order,
-            "eps_inf_u": run.learned.eps_inf[0],
-            "eps_inf_theta": run.learned.eps_inf[1],
-            "reference_temperature_K": scales(run.case).temperature,
+        found["reduced_model"] = _errors(run.learned) | {"reference_temperature_K": scales(run.case).temperature}
+    if run.lengths is not None:
+        found["lengths"] = {
+            "days": run.lengths.days,
+            "criterion": run.lengths.criterion,
+            "seconds_per_estimate": run.lengths.seconds,
         }
+    if run.orders:
+        found["orders"] = [_errors(learned) for learned in run.orders]
     if run.reliability is not None:
         found["reliability"] = _reliability(run)
     if run.explanation is not None:
@@ -85,6 +89,7 @@ def _fit(run: Run, fit: Estimate) -> dict[str, Any]:
         "iterations": fit.iterations,
         "initial_profile": {"coefficients_degC": profile.coefficients, "eps_2_K": profile.eps_2},
         "model_shift": fit.model_shift,
+        "history": fit.history,
     }
     for key, errors, unit in (("offsets", fit.offsets, "K"), ("positions", fit.positions, "m")):
         found[key] = {name: {"value": value, "std": std, "unit": unit} for name, (value, std) in errors.items()}
@@ -102,16 +107,16 @@ def _gap(run: Run, fit: Estimate) -> dict[str, Any] | None:
     return {
         "before_K": gap,
         "after_K": gap,
-        "floor_K": _floor(run, fit),
+        "floor_K": _noise_alone(run, inside),
         "held_out_before_K": None,
         "held_out_after_K": None,
     }
 
 
-def _floor(run: Run, fit: Estimate) -> float:
-    """The root mean square that the stated noise alone would leave in the rows used."""
+def _noise_alone(run: Run, residual: np.ndarray) -> float:
+    """The root mean square that the stated noise alone would leave in the readings that are there."""
     noise = np.array([sensor.noise_std for sensor in run.case.sensors])
-    present = np.isfinite(fit.residual[:, : fit.sensors])
+    present = np.isfinite(residual)
     return float(np.sqrt(np.sum(present * noise**2) / present.sum()))
 
 
@@ -221,7 +226,13 @@ def _design(run: Run) -> dict[str, Any]:
         "full": design.full,
         "diffusivities": design.diffusivities,
         "expected_relative_std": design.expected_error,
+        "starts": {"start": [run.case.record.stamp(row) for row in design.starts], "criterion": design.merit},
     }
+    if len(design.diffusivities) > 1:
+        found["starts"] |= {
+            f"criterion at {alpha:.3g} m2/s": sizes
+            for alpha, sizes in zip(design.diffusivities, design.criterion, strict=True)
+        }
     if places is not None:
         found["further_sensors"] = [
             {"place": place, "relative_std": places.std[k, 0, i], "criterion_gain": places.gain[k, i], "unit": "m"}
@@ -240,6 +251,14 @@ def _design(run: Run) -> dict[str, Any]:
     return found
 
 
+def _errors(learned: Learned) -> dict[str, Any]:
+    """What a reduced model errs by over its learning signals, dimensionless."""
+    found: dict[str, Any] = {"order": learned.system.order}
+    for name, errors in (("eps_inf", learned.eps_inf), ("eps_2", learned.eps_2)):
+        found |= {f"{name}_u": errors[0], f"{name}_theta": errors[1]}
+    return found
+
+
 def _reliability(run: Run) -> dict[str, Any]:
     """How far the whole record is from the prediction, sensor by sensor, and the loads."""
     found = run.reliability
@@ -255,7 +274,12 @@ def _reliability(run: Run) -> dict[str, Any]:
             "diffusivity_factor": found.loads.factors,
             "energy_J_per_m2": found.loads.energy,
         }
-    return {"sensors": per_sensor, "loads": loads}
+    return {
+        "sensors": per_sensor,
+        "rms_K": np.sqrt(np.nanmean(found.residual**2)),
+        "noise_K": _noise_alone(run, found.residual),
+        "loads": loads,
+    }
 
 
 def _diffusivity(found: Estimate | Pooled) -> dict[str, Any]:

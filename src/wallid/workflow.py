@@ -244,7 +244,8 @@ def _of_window(
     if "learn" in stages and case.choices.model == "mim" and not case.choices.free:
         begin("learn", "learn: a reduced model for these days")
         with done.timed("learn"):
-            done.learned = learn(case, window, integrator=integrator)
+            # with order "auto", every order tried on the way is one of the figure's
+            done.learned = learn(case, window, integrator=integrator, on_try=done.orders.append)
         if orders:
             with done.timed("orders"):
                 large, signals = large_model(case), learning_signals(case, window)

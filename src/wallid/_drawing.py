@@ -1,0 +1,74 @@
+"""A figure as the page holds it: an SVG whose ink follows the reader's light or dark setting."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from ._style import GREY
+from .figures import save
+
+_DECIMALS = re.compile(r"(\.\d\d)\d+")  # past a hundredth of a point nothing is seen
+_MOST_BYTES = 2_500_000  # of all pictures: a page stays under 3 MB
+_FEW_POINTS = 50  # of a line in a picture that is too large
+_BLACK, _KEPT = "#000000", "#010203"  # the second stands for black that stays black
+_PALE = re.compile(r"fill: #([c-f][0-9a-f])\1\1(?=[;\"])")  # a light grey
+
+
+def sources(figures: Sequence[tuple[str, Figure]]) -> list[str]:
+    """Each figure as a data URI; where they are too large together, the largest with lines as pixels.
+
+    Arguments:
+        figures: with their stems.
+    """
+    found = [_source(made, stem) for stem, made in figures]
+    for k in sorted(range(len(found)), key=lambda k: -len(found[k])):
+        if sum(map(len, found)) <= _MOST_BYTES:
+            break
+        stem, made = figures[k]
+        found[k] = _source(made, stem, most_points=_FEW_POINTS)
+    return found
+
+
+def _source(made: Figure, stem: str, **options: int) -> str:
+    """A figure as the data URI of an SVG without a background, in the colour of the reader's text."""
+    for ax in made.axes:
+        _prepare(ax)
+    stream = io.StringIO()
+    save(made, stream, "svg", salt=stem, facecolor="none", **options)
+    text = stream.getvalue()
+    text = re.sub(r'(?<= d=")[^"]*|(?<= [xy]=")[^"]*', lambda found: _DECIMALS.sub(r"\1", found[0]), text)
+    return f"data:image/svg+xml;base64,{base64.b64encode(_in_ink(text[text.index('<svg') :]).encode()).decode()}"
+
+
+def _prepare(ax: Axes) -> None:
+    """Take away a white ground, and mark black letters on coloured cells, which stay black whatever the page is."""
+    if to_hex(ax.get_facecolor()) == "#ffffff":
+        ax.set_facecolor("none")
+    if any(isinstance(cells, QuadMesh) for cells in ax.collections):
+        for text in ax.texts:
+            if to_hex(text.get_color()) == _BLACK:
+                text.set_color(_KEPT)
+
+
+def _in_ink(svg: str) -> str:
+    """What is black, said or left unsaid, in the text's colour; light greys as a thin wash of it."""
+    svg = svg.replace(_BLACK, "var(--ink)").replace(_KEPT, "#000").replace(GREY.lower(), "var(--grey)")
+    svg = _PALE.sub(_wash, svg)
+    dark = "@media(prefers-color-scheme:dark){:root{--ink:#e3e6e8;--grey:#a9b0b6}}"
+    paper = f"@media print{{:root{{--ink:#000;--grey:{GREY}}}}}"
+    rules = f"<style>:root{{--ink:#1d2329;--grey:{GREY}}}{dark}{paper}svg{{fill:var(--ink)}}</style>"
+    return re.sub(r"(<svg[^>]*>)", rf"\1{rules}", svg, count=1)
+
+
+def _wash(found: re.Match[str]) -> str:
+    """A light grey as ink that lets the page through; white stays white."""
+    level = int(found[1], 16)
+    return found[0] if level == 255 else f"fill: var(--ink); fill-opacity: {(255 - level) / 255:.2f}"
