@@ -27,7 +27,9 @@ class Browser:
             self.ask(f"{domain}.enable")
 
     async def _connect(self):
-        found = await AsyncHTTPClient().fetch(f"http://127.0.0.1:{self._port}/json/new?about:blank", method="PUT", body="")
+        found = await AsyncHTTPClient().fetch(
+            f"http://127.0.0.1:{self._port}/json/new?about:blank", method="PUT", body=""
+        )
         return await websocket_connect(json.loads(found.body)["webSocketDebuggerUrl"], max_message_size=1 << 28)
 
     def ask(self, method, until="", **parameters):
@@ -52,7 +54,9 @@ class Browser:
         method, parameters = told.get("method"), told.get("params", {})
         if method == "Network.requestWillBeSent":
             self.requests.append(parameters["request"]["url"])
-        if method == "Runtime.exceptionThrown" or (method == "Runtime.consoleAPICalled" and parameters["type"] == "error"):
+        if method == "Runtime.exceptionThrown" or (
+            method == "Runtime.consoleAPICalled" and parameters["type"] == "error"
+        ):
             self.complaints.append(parameters)
         if method == "Log.entryAdded" and parameters["entry"]["level"] in ("error", "warning"):
             self.complaints.append(parameters["entry"]["text"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Any
 
@@ -25,13 +26,20 @@ def number(value: Any, digits: int = 4) -> str:
 
 def quantity(found: dict[str, Any]) -> str:
     """A value of result.json that has a unit, with what is known of its uncertainty."""
-    text = number(found["value"])
+    text = number(_rounded(found["value"], found.get("std")))
     if found.get("std") is not None:
         text += f" ± {number(found['std'], 2)}"
     if found.get("interval_95"):
         low, high = found["interval_95"]
         text += f" (95 %: {number(low)} to {number(high)})"
     return f"{text} {unit(found['unit'])}".strip()
+
+
+def _rounded(value: Any, std: float | None) -> Any:
+    """A value without the digits that its standard deviation makes meaningless."""
+    if not std or not isinstance(value, float):
+        return value
+    return round(value, 1 - math.floor(math.log10(std))) + 0.0  # no minus zero
 
 
 def unit(text: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +10,7 @@ from ._numbers import number, quantity, unit
 
 _LONG = 30  # rows: a longer table is closed on the screen, and stays so in print
 _WIDE = 6  # columns: a wider table is turned over
+_HEAD = ("quantity", "value")
 _OWN = ("ranked", "untestable")  # have tables of their own on the page
 
 _WORDS = {
@@ -56,6 +56,9 @@ _WORDS = {
     "loads": "heat through the inner face",
     "diffusivity_factor": "diffusivity over the estimate",
     "energy_J_per_m2": "energy (J/m²)",
+    "flux_gap": "gap between model and fluxes (root mean square)",
+    "after_W_per_m2": "final model (W/m²)",
+    "floor_W_per_m2": "what noise alone would leave (W/m²)",
     "plate_gains": "calibration errors of the flux plates (relative)",
     "iso_9869": "average method (ISO 9869-1)",
     "p_value": "p-value",
@@ -79,11 +82,10 @@ _WORDS = {
     "end": "end (the row after the last)",
     "missing": "readings missing",
     "alternatives": "cannot be told from",
-    "conductivity_stated": "conductivity, as stated (W/m/K)",
+    "seconds_per_estimate": "time of one estimate (s)",
+    "sentence": "in words",
 }
-_UNITS = {("loads", "conductivity"): "W/m/K", ("windows", "days"): "days", ("lengths", "days"): "days"}
-_UNITS |= {("starts", "day"): "days after the record's start", ("history", "diffusivity"): "m²/s"}
-_UNITS |= {("lengths", "seconds_per_estimate"): "s", ("places", "m"): "from the left face"}
+_UNITS = {("loads", "conductivity"): "W/m/K", ("history", "diffusivity"): "m²/s", ("places", "m"): "from the left face"}
 _SHARED = ("resistance", "resistance_without_stored_heat", "std", "interval_95", "place", "size")
 """What a unit that stands beside several numbers is the unit of."""
 
@@ -110,68 +112,85 @@ class Table:
 
 def tables(result: dict[str, Any]) -> list[Table]:
     """Every number of result.json: one table of what has no parts, and those of each of its parts."""
-    plain: list[tuple[str, str]] = []
+    plain: list[tuple[str, ...]] = []
     parts: list[Table] = []
     for key, value in result.items():
         if key in _OWN:
             continue
-        if not isinstance(value, dict | list) or value == []:
-            plain.append((words(key), _said(key, value)))
-        elif isinstance(value, dict) and {"value", "unit"} <= set(value):
-            plain.append((words(key), quantity(value)))
+        if isinstance(value, dict | list) and value and not _is_quantity(value):
+            parts += _Part(key, value).tables()
         else:
-            parts += _of_part(key, words(key), value)
-    return [Table("overview", ("quantity", "value"), [*plain]), *parts]
+            plain.append((words(key), _said(key, value)))
+    return [Table("overview", _HEAD, plain), *parts]
 
 
 def _said(key: str, value: Any) -> str:
     """A plain value; a verdict that was not asked for says so."""
-    return "not asked for (wallid diagnose)" if key == "verdict" and value is None else number(value)
+    return "not asked for (wallid diagnose)" if key == "verdict" and value is None else _cell(value)
 
 
-def _of_part(key: str, title: str, value: Any) -> Iterator[Table]:
-    """The tables of a part: its own numbers, then what is better read in columns."""
-    rows: list[tuple[str, str]] = []
-    further: list[Table] = []
-    _collect(key, title, "", value, rows, further)
-    if rows:
-        yield Table(title, ("quantity", "value"), [*rows])
-    yield from further
+class _Part:
+    """What a part of result.json becomes: a table of its own numbers, and further ones of what stands in columns."""
 
+    def __init__(self, key: str, value: Any):
+        self.title = words(key)
+        self.rows: list[tuple[str, ...]] = []
+        self.further: list[Table] = []
+        self._add(key, "", value)
 
-def _collect(key: str, title: str, name: str, value: Any, rows: list[tuple[str, str]], further: list[Table]) -> None:
-    """Put a value among the rows under its name, or among the further tables."""
-    if isinstance(value, dict) and {"value", "unit"} <= set(value):
-        rows.append((name, quantity(value)))
-    elif (columns := _columns(key, value)) is not None:
-        further.append(Table(f"{title}: {name}" if name else title, *columns))
-    elif isinstance(value, dict):
-        shared = value.get("unit")
-        series = _series(value)
+    def tables(self) -> list[Table]:
+        own = [Table(self.title, _HEAD, self.rows)] if self.rows else []
+        return [*own, *self.further]
+
+    def _add(self, key: str, name: str, value: Any) -> None:
+        """Put a value under its name among the rows, or among the further tables."""
+        if (columns := _columns(key, value)) is not None:
+            self._stand(name, *columns)
+        elif isinstance(value, dict) and not _is_quantity(value):
+            self._add_entries(key, name, value)
+        elif isinstance(value, list) and any(isinstance(item, dict) for item in value):
+            for count, item in enumerate(value, start=1):
+                label = str(item.get("label") or item.get("name") or count).replace("_", " ")
+                target = f" of {item['target']}" if item.get("target") else ""
+                rest = {k: v for k, v in item.items() if k not in ("label", "name", "target")}
+                self._add(key, f"{name} {label}{target}".strip(), rest)
+        else:
+            self.rows.append((name, _cell(value)))
+
+    def _add_entries(self, key: str, name: str, value: dict[str, Any]) -> None:
+        """The entries of a dict, those that go side by side as a table."""
+        series, names = _series(value), tuple(value.get("parameters", ()))
         if series:
-            head = tuple(words(one, key) for one in series)
-            cells = [tuple(number(item) for item in row) for row in zip(*(value[one] for one in series), strict=True)]
-            further.append(Table(f"{title}: {name}" if name else title, head, [*cells]))
+            rows = zip(*(value[one] for one in series), strict=True)
+            self._stand(name, tuple(words(one, key) for one in series), [tuple(map(number, row)) for row in rows])
         for one, item in value.items():
-            if one in series or (one == "unit" and shared is not None):
+            if one in series or one == "unit":
                 continue
-            label = words(one, key) + (f" ({unit(shared)})" if shared and one in _SHARED and unit(shared) else "")
-            if one == "p_value" and sum(size is not None for size in value.get("size", (0, 0))) < 2:
-                item = None  # what one window alone tells is the same as nothing else
-            if one == "correlations" and "parameters" in value:
-                names = tuple(value["parameters"])
-                cells = [(own, *(number(x, 2) for x in row)) for own, row in zip(names, item, strict=True)]
-                further.append(Table("correlations of the parameters", ("", *names), [*cells]))
+            if one == "correlations":
+                rows = [(own, *(number(x, 2) for x in row)) for own, row in zip(names, item, strict=True)]
+                self._stand("correlations of the parameters", ("", *names), rows)
+            elif one == "p_value" and "size" in series and sum(size is not None for size in value["size"]) < 2:
+                self.rows.append((f"{name} {words(one)}".strip(), number(None)))  # one size is the same as no other
             else:
-                _collect(one, title, f"{name} {label}".strip(), item, rows, further)
-    elif isinstance(value, list) and any(isinstance(item, dict) for item in value):
-        for count, item in enumerate(value, start=1):
-            label = str(item.get("label") or item.get("name") or count).replace("_", " ")
-            target = f" of {item['target']}" if item.get("target") else ""
-            rest = {k: v for k, v in item.items() if k not in ("label", "name", "target")}
-            _collect(key, title, f"{name} {label}{target}".strip(), rest, rows, further)
-    else:
-        rows.append((name, number(value)))
+                self._add(one, f"{name} {_label(one, key, value)}".strip(), item)
+
+    def _stand(self, name: str, head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+        """A table of its own."""
+        self.further.append(Table(f"{self.title}: {name}" if name else self.title, head, rows))
+
+
+def _is_quantity(value: Any) -> bool:
+    return isinstance(value, dict) and {"value", "unit"} <= set(value)
+
+
+def _cell(value: Any) -> str:
+    return quantity(value) if _is_quantity(value) else number(value)
+
+
+def _label(key: str, part: str, beside: dict[str, Any]) -> str:
+    """A key in words, with the unit that stands beside it where it is its own."""
+    shared = unit(beside.get("unit") or "-") if key in _SHARED else ""
+    return words(key, part) + (f" ({shared})" if shared else "")
 
 
 def _series(value: dict[str, Any]) -> list[str]:
@@ -188,32 +207,29 @@ def _series(value: dict[str, Any]) -> list[str]:
 
 def _columns(key: str, value: Any) -> tuple[tuple[str, ...], list[tuple[str, ...]]] | None:
     """Head and rows of what is a table already: parts that all have the same plain entries."""
-    if isinstance(value, list) and len(value) > 0:
-        named = [("", item) for item in value]
-    elif isinstance(value, dict) and len(value) > 0:
-        named = [(name.replace("_", " "), item) for name, item in value.items()]
-    else:
+    if not isinstance(value, dict | list) or not value:
         return None
-    if not all(isinstance(item, dict) and "value" not in item for _, item in named):
+    named = value if isinstance(value, dict) else {str(count): item for count, item in enumerate(value)}
+    parts: list[dict[str, Any]] = [item for item in named.values() if isinstance(item, dict) and not _is_quantity(item)]
+    if len(parts) < len(named) or any(list(part) != list(parts[0]) for part in parts):
         return None
-    keys = list(named[0][1])
-    if any(list(item) != keys or not all(_plain(x) for x in item.values()) for _, item in named):
+    if not all(_plain(item) for part in parts for item in part.values()):
         return None
-    shared = named[0][1].get("unit")
-    shown = [one for one in keys if one != "unit"]
-    head = [words(one, key) + (f" ({unit(shared)})" if shared and one in _SHARED else "") for one in shown]
-    rows = [tuple(quantity(x) if isinstance(x, dict) else number(x) for x in map(item.get, shown)) for _, item in named]
-    if isinstance(value, dict) and len(head) > _WIDE:
-        return ("", *(name for name, _ in named)), [*zip(head, *rows, strict=True)]
-    if isinstance(value, dict):
-        return ("", *head), [(name, *cells) for (name, _), cells in zip(named, rows, strict=True)]
-    return tuple(head), [*rows]
+    shown = [one for one in parts[0] if one != "unit"]
+    head = [_label(one, key, parts[0]) for one in shown]
+    rows = [[_cell(part[one]) for one in shown] for part in parts]
+    if isinstance(value, list):
+        return tuple(head), [tuple(row) for row in rows]
+    names = [name.replace("_", " ") for name in named]
+    whole = [["", *head], *([name, *row] for name, row in zip(names, rows, strict=True))]
+    turned = [tuple(row) for row in (zip(*whole, strict=True) if len(head) > _WIDE else whole)]
+    return turned[0], turned[1:]
 
 
 def _plain(value: Any) -> bool:
     """Whether a value fits into one cell."""
     if isinstance(value, dict):
-        return {"value", "unit"} <= set(value)
+        return _is_quantity(value)
     return not isinstance(value, list) or not any(isinstance(item, dict | list) for item in value)
 
 
@@ -227,7 +243,7 @@ def words(key: str, part: str = "") -> str:
         return ""
     if (own := _UNITS.get((part, key))) is not None:
         return f"{key.replace('_', ' ')} ({own})"
-    if key in _WORDS and part != "parameters":  # an effect's own names mean other things
+    if key in _WORDS and part not in ("parameters", "variance_shares"):  # names there are a person's already
         return _WORDS[key]
     match = re.fullmatch(r"(.*)_(K|J_per_m2|W_per_m2|degC)", key)
     stem, found = match.groups() if match else (key, "")

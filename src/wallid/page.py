@@ -142,7 +142,7 @@ def _answer(run: Run, result: dict[str, Any]) -> str:
         told = run.fit.thermal
         return (
             f"From face to face the wall has a resistance of {told.resistance}, and with the standard surface "
-            f"resistances a U-value of {told.transmittance}."
+            f"resistances a U-value of {told.transmittance}. {_fits_fluxes(result)}"
         )
     if run.fit is not None:
         return f"A number to rely on, as far as the model is right. {_fits(result)}"
@@ -163,6 +163,17 @@ def _fits(result: dict[str, Any]) -> str:
     return (
         f"Over {where} the prediction is off by {left:.2g} K, where the sensors' noise explains {noise:.2g} K: "
         "something is missing from the model, which may move the number. wallid diagnose looks for it."
+    )
+
+
+def _fits_fluxes(result: dict[str, Any]) -> str:
+    """Whether the model leaves no more of the fluxes than the plates' noise does."""
+    left, noise = (result["flux_gap"][key] for key in ("after_W_per_m2", "floor_W_per_m2"))
+    if left <= _FITS * noise:
+        return f"The model misses the fluxes by {left:.2g} W/m2, no more than the noise of {noise:.2g} W/m2 explains."
+    return (
+        f"The model misses the fluxes by {left:.2g} W/m2, where their noise explains {noise:.2g} W/m2: the interval "
+        "counts that misfit too."
     )
 
 

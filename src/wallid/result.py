@@ -12,6 +12,7 @@ from .check import describe
 from .discrepancy.result import evidence
 from .estimate import Estimate
 from .experiment import diagnosed, scales
+from .free import flux_noise_std
 from .identifiability import COLLINEAR
 from .mim import Learned
 from .quantity import Quantity
@@ -95,7 +96,11 @@ def _fit(run: Run, fit: Estimate) -> dict[str, Any]:
         found[key] = {name: {"value": value, "std": std, "unit": unit} for name, (value, std) in errors.items()}
     found["interval"] = _interval(fit)
     found |= _told_apart(fit)
-    return found if fit.thermal is None else found | _thermal(fit.thermal)
+    if fit.thermal is not None:
+        left = np.sqrt(np.nanmean(fit.residual[:, fit.sensors :] ** 2))
+        found |= _thermal(fit.thermal)
+        found["flux_gap"] = {"after_W_per_m2": left, "floor_W_per_m2": flux_noise_std(run.case)}
+    return found
 
 
 def _gap(run: Run, fit: Estimate) -> dict[str, Any] | None:
