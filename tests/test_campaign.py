@@ -149,5 +149,6 @@ def test_all_windows_on_the_command_line(tmp_path):
     low, high = result["diffusivity"]["interval_95"]
     assert low < result["diffusivity"]["value"] < high
     assert (tmp_path / "out" / "campaign.png").exists()
+    assert "each" in check((tmp_path / "out" / "report.html").read_text("utf-8")).text
     refused = CliRunner().invoke(app, [*words, "--bootstrap", "40"])
     assert refused.exit_code == 2 and "--bootstrap" in refused.stderr

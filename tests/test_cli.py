@@ -5,6 +5,7 @@ import jsonschema
 import numpy as np
 import pandas as pd
 import pytest
+from pages import check
 from results import SCHEMA
 from typer.testing import CliRunner
 
@@ -45,7 +46,9 @@ def test_design_alone(command, tmp_path):
     assert len(told["sampling"]["step_s"]) == len(told["sampling"]["relative_std"])
     out = tmp_path / "out"
     assert (out / "design.png").exists() and (out / "places.png").exists()
-    assert "a fourth sensor helps most" in (out / "report.html").read_text("utf-8")
+    assert "a fourth sensor helps most" in check((out / "report.html").read_text("utf-8")).text
+    assert len(told["starts"]["start"]) == len(told["starts"]["criterion"]) and max(told["starts"]["criterion"]) == 1.0
+    assert len(result["lengths"]["days"]) == len(result["lengths"]["criterion"]) > 1
 
 
 def test_a_window_by_hand(command):

@@ -3,11 +3,13 @@
 import json
 import subprocess
 import sys
+from itertools import product
 from pathlib import Path
 
 import jsonschema
 import pytest
-from pages import check
+from browser import CHROMIUM, browser
+from pages import check, drawings
 from results import DIAGNOSIS, FIGURES, SCHEMA
 
 import wallid
@@ -60,7 +62,48 @@ def test_demo_writes_figures_model_and_result(demo):
         assert (out / name).stat().st_size > 10_000
     page = check((out / "report.html").read_text("utf-8"))
     assert len(page.images) == len(FIGURES | DIAGNOSIS)
+    assert "Diffusivity" in page.text and "convergence of the estimate" in page.text
+    assert "criterion by start day: 109 rows" in page.text
     assert "Solar gain of the right face" in page.text and "wallid demo" in page.text
+
+
+INK = """
+(() => {
+  const light = ([r, g, b]) => [r, g, b].map(c => (c /= 255) <= 0.03928 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, c, k) => sum + c * [0.2126, 0.7152, 0.0722][k], 0);
+  const paper = light([0x14, 0x18, 0x1c]);
+  return [...document.querySelectorAll("[id^=text_] path, [id^=text_] use")].map(one => getComputedStyle(one).fill)
+    .filter(fill => fill.startsWith("rgb")).map(fill => fill.match(/[0-9]+/g).slice(0, 3).map(Number))
+    .filter(fill => (light(fill) + 0.05) / (paper + 0.05) < 3).map(String);
+})()
+"""
+"""The fills of letters that a dark page does not show well enough: a contrast below 3 to 1."""
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium to open the page in")
+def test_a_browser_shows_the_page_on_every_screen_and_on_paper(demo, tmp_path):
+    """The page of a run and of a diagnosis at once: no error, nothing fetched, nothing wider than the screen."""
+    report = demo[1] / "report.html"
+    with browser() as tab:
+        for width, dark in product((400, 800, 1400), (False, True)):
+            tab.open(report, width, dark)
+            assert tab.evaluate("document.querySelectorAll('figure').length") == len(FIGURES | DIAGNOSIS)
+            assert tab.evaluate("document.documentElement.scrollWidth") <= width
+            assert tab.evaluate("[...document.images].every(one => one.complete && one.naturalWidth > 0)")
+            stops = "[...document.querySelectorAll('.scroll')].filter(one => one.tabIndex === 0)"
+            wider = "[...document.querySelectorAll('.scroll')].filter(one => one.scrollWidth > one.clientWidth + 1)"
+            assert tab.evaluate(f"{stops}.length === {wider}.length && {stops}.every(one => {wider}.includes(one))")
+            assert tab.evaluate(f"{stops}.length") > 0 if width == 400 else tab.evaluate(f"{stops}.length") <= 3
+        tab.evaluate("dispatchEvent(new Event('beforeprint'))")
+        assert tab.evaluate("[...document.querySelectorAll('details[data-print]')].map(one => one.open)") == [True]
+        assert tab.pdf().startswith(b"%PDF")
+        for count, svg in enumerate(drawings(check(report.read_text("utf-8")))):
+            (tmp_path / f"{count}.svg").write_text(svg, "utf-8")
+            tab.open(tmp_path / f"{count}.svg", 800, dark=True)
+            on_cells = {"0,0,0"} if "<image" in svg else set()
+            assert set(tab.evaluate(INK)) <= on_cells, "letters on coloured cells alone may be dark"
+        assert not tab.complaints
+        assert all(one.startswith(("file:", "data:")) for one in tab.requests)
 
 
 def test_demo_reads_nothing_but_its_case(demo):

@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from benchmarks.discrepancy.truth import Spec, write_case
+from matplotlib.text import Text
 from pages import check
 from results import DIAGNOSIS, SCHEMA
 from test_plot import check_complete
@@ -18,10 +19,14 @@ import wallid
 from wallid import figures, plot, workflow
 from wallid import plot_discrepancy as drawn
 from wallid import plot_remainder as remainder
+from wallid._numbers import prose
 from wallid._style import contrast
+from wallid.captions import alternative
 from wallid.cli import app
 from wallid.discrepancy.explanation import CHANCE
-from wallid.page import unit
+from wallid.page import page as page_of
+from wallid.result import result
+from wallid.workflow import Run
 
 
 @pytest.fixture(scope="module")
@@ -318,6 +323,34 @@ def test_where_nothing_was_added_there_is_one_model(adequate):
     assert len(axes[2].lines) == 2  # and the zero
 
 
+def test_an_effect_that_may_not_stand_is_nowhere_told_as_found(explanation):
+    """Legends, titles, table, captions: the nearest known effect, and that it was refused."""
+    unnamed = replace(explanation, left_after=replace(explanation.left_after, p_value=1e-9))
+    assert unnamed.verdict == "unnamed" and unnamed.effects
+    drawn_ = dict(figures.diagnosis(unnamed))
+    seen = {text.get_text() for made in drawn_.values() for text in made.findobj(Text)}
+    assert not [text for text in seen if "ith the effect" in text or text == "in the model"]
+    assert {"nearest effect, refused", "with the nearest effect, refused"} <= seen
+    run = Run(unnamed.study.case, explanation=unnamed)
+    text = check(page_of(run, result(run), drawn_.items())).text
+    assert ">in the model<" not in text and "the nearest known effect, refused" in text
+    assert all("refused" in alternative(stem, run) for stem in ("missing", "residuals"))
+
+
+def test_one_quarter_that_tells_a_size_is_compared_with_none(explanation):
+    (named, *_) = explanation.effects
+    sizes = np.full(len(named.windows.size), np.nan)
+    sizes[1] = 2400.0
+    alone = replace(explanation, effects=(replace(named, windows=replace(named.windows, size=sizes, p_value=1.0)),))
+    title = dict(figures.diagnosis(alone))["windows"].axes[0].get_title(loc="left")
+    assert "p =" not in title and "1 of 4 quarters" in title
+
+
+def test_the_alternative_of_a_single_panel_speaks_of_one(adequate):
+    told = alternative("residuals", Run(adequate.study.case, explanation=adequate))
+    assert "before and after" not in told and " to " not in told
+
+
 # ------------------------------------------------------------------------------------------ the command
 
 
@@ -360,7 +393,7 @@ def test_diagnose_names_what_is_hidden(diagnosed, explanation):
     assert {file.name for file in out.iterdir()} == DIAGNOSIS | {"wall.png", "record.png", "report.html", "result.json"}
     assert json.loads((out / "result.json").read_text()) == result
     page = check((out / "report.html").read_text("utf-8"))
-    assert unit(found.sentence.replace("+-", "±")) in unescape(page.text)
+    assert prose(found.sentence) in unescape(page.text)
     assert page.text.count('<th scope="row">') > len(ranked) and 'class="in"' in page.text
 
 

@@ -9,10 +9,12 @@ import pandas as pd
 import pytest
 from benchmarks.slab import fluxes, temperatures, weather
 from numpy.testing import assert_allclose
+from pages import check
 from results import SCHEMA
 from typer.testing import CliRunner
 
 import wallid
+from wallid import plot, plot_flux
 from wallid.case import Choices
 from wallid.cli import app
 from wallid.free import told_range
@@ -189,6 +191,24 @@ flux_noise_std = {NOISE}
     return str(folder)
 
 
+def test_the_figures_of_a_plate_show_the_estimates_numbers(both):
+    """The interval by hand, the residual reading by reading, and a density of area one beside the noise's."""
+    case, plate = case_of(), 1
+    k, j = both.thermal.conductivity, both.predicted[:, plate]
+    half = plot_flux.reading_half_width(case, both, plate)
+    assert_allclose(half, 1.959964 * np.sqrt(NOISE**2 + (j * k.std / k.value) ** 2), rtol=1e-6)
+    _, (course, residual, density) = plot.figure(1, 3)
+    plot_flux.flux_interval(course, case, both, plate)
+    there = np.isfinite(both.residual[:, plate])
+    box = course.collections[0].get_paths()[0].get_extents()
+    assert (box.y0, box.y1) == pytest.approx(((j - half)[there].min(), (j + half)[there].max()))
+    plot_flux.flux_residual(residual, case, both, plate)
+    assert_allclose(residual.lines[0].get_ydata(), both.residual[there, plate])
+    plot_flux.flux_density(density, case, both, plate)
+    (noise,) = density.lines
+    assert np.trapezoid(noise.get_ydata(), noise.get_xdata()) == pytest.approx(1.0, abs=0.01)
+
+
 def test_a_case_with_flux_alone_on_the_command_line(tmp_path):
     out = tmp_path / "out"
     ended = CliRunner().invoke(app, ["run", written(tmp_path), "--json", "--out", str(out)])
@@ -201,7 +221,10 @@ def test_a_case_with_flux_alone_on_the_command_line(tmp_path):
         assert set(result[key]) == {"value", "std", "interval_95", "unit"} and result[key]["unit"] == unit
     assert set(result["iso_9869"]) == {"flux_left", "flux_right"}
     assert result["iso_9869"]["flux_left"]["three_days"] is True
-    assert result["gap"] is None
+    assert result["gap"] is None and result["flux_gap"]["floor_W_per_m2"] == NOISE
+    page = check((out / "report.html").read_text("utf-8"))
+    assert "Thermal resistance" in page.text and "gap between model and fluxes" in page.text
+    assert any(image["alt"].startswith("The estimate goes to") for image in page.images)
     wrong = CliRunner().invoke(app, ["estimate", written(tmp_path), "--weights", "none", "--out", str(out)])
     assert wrong.exit_code == 2 and "sensor" in wrong.stderr
     wrong = CliRunner().invoke(app, ["design", written(tmp_path), "--out", str(out)])

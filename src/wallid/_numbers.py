@@ -9,6 +9,7 @@ from typing import Any
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _POWER = re.compile(r"(?<=\d)e([+-]\d+)\b")
 _AREA = re.compile(r"\bm([23])(?=$|[\s/),.;])")
+_COUNTED = 1e7  # whole numbers below are said in full
 
 
 def number(value: Any, digits: int = 4) -> str:
@@ -18,6 +19,8 @@ def number(value: Any, digits: int = 4) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
+        if value.is_integer() and abs(value) < _COUNTED:  # such as a time in seconds
+            return str(int(value)).replace("-", "−")
         return _POWER.sub(_ten, f"{value:.{digits}g}").replace("-", "−")
     if isinstance(value, list | tuple):
         return ", ".join(number(item, digits) for item in value) or "none"
