@@ -11,6 +11,7 @@ from benchmarks.slab import temperatures, weather
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from pages import check
 from scipy.optimize import minimize
 from scipy.stats import chi2, norm
 from test_cli import write_own
@@ -149,6 +150,6 @@ def test_all_windows_on_the_command_line(tmp_path):
     low, high = result["diffusivity"]["interval_95"]
     assert low < result["diffusivity"]["value"] < high
     assert (tmp_path / "out" / "campaign.png").exists()
-    assert "each" in check((tmp_path / "out" / "report.html").read_text("utf-8")).text
+    assert "windows: one by one" in check((tmp_path / "out" / "report.html").read_text("utf-8")).text
     refused = CliRunner().invoke(app, [*words, "--bootstrap", "40"])
     assert refused.exit_code == 2 and "--bootstrap" in refused.stderr

@@ -81,6 +81,7 @@ _WORDS = {
     "parts": "unbroken parts",
     "end": "end (the row after the last)",
     "missing": "readings missing",
+    "each": "one by one",
     "alternatives": "cannot be told from",
     "seconds_per_estimate": "time of one estimate (s)",
     "sentence": "in words",
