@@ -13,7 +13,7 @@ import pytest
 from pages import check, drawings
 
 import wallid
-from wallid import captions, plot, report
+from wallid import captions, plot, report, workflow
 from wallid._numbers import number, prose, quantity
 from wallid._settings import settings
 from wallid._tables import tables
@@ -209,6 +209,22 @@ def test_only_what_is_shown_is_told(run, fit):
     assert "order 99: 1.0 × 10⁻³ (temperature), 2.0 × 10⁻² (sensitivity)" in alternative(
         "orders", Run(run.case, orders=[learned])
     )
+
+
+def test_orders_tried_on_the_way_are_told(run, monkeypatch):
+    """What "auto" goes through is an error against order that costs nothing more."""
+    tried = Learned(large_model(run.case), (1e-4, 2e-3), (1e-3, 2e-2), 1.0, 1)
+
+    def learn(case, window, *, integrator, on_try):
+        on_try(tried)
+        return tried
+
+    monkeypatch.setattr(workflow, "learn", learn)
+    found = workflow.run(run.case, stages=("learn",), window=Window(0, 72))
+    assert found.orders == [tried]
+    assert report.result(found)["orders"] == [
+        {"order": 99, "eps_inf_u": 1e-3, "eps_inf_theta": 2e-2, "eps_2_u": 1e-4, "eps_2_theta": 2e-3}
+    ]
 
 
 def test_another_commands_report_is_kept_and_linked(run, tmp_path):
