@@ -124,6 +124,7 @@ def test_one_window_that_tells_a_size_has_no_p_value():
         (86430.0, "86430"),
         (-2.5e-7, "−2.5 × 10⁻⁷"),
         ([], "none"),
+        ({}, "none"),
         ([1.0, 2.0], "1, 2"),
     ],
 )

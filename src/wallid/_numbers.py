@@ -16,6 +16,8 @@ def number(value: Any, digits: int = 4) -> str:
     """A value of result.json as a person reads it."""
     if value is None:
         return "–"
+    if value in ({}, [], ()):
+        return "none"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
@@ -23,7 +25,7 @@ def number(value: Any, digits: int = 4) -> str:
             return str(int(value)).replace("-", "−")
         return _POWER.sub(_ten, f"{value:.{digits}g}").replace("-", "−")
     if isinstance(value, list | tuple):
-        return ", ".join(number(item, digits) for item in value) or "none"
+        return ", ".join(number(item, digits) for item in value)
     return str(value)
 
 
