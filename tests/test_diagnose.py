@@ -344,6 +344,7 @@ def test_one_quarter_that_tells_a_size_is_compared_with_none(explanation):
     alone = replace(explanation, effects=(replace(named, windows=replace(named.windows, size=sizes, p_value=1.0)),))
     title = dict(figures.diagnosis(alone))["windows"].axes[0].get_title(loc="left")
     assert "p =" not in title and "1 of 4 quarters" in title
+    assert "(1 of 4 tell of it)" in str(alone) and alone.result()["effects"][0]["windows"]["p_value"] is None
 
 
 def test_the_alternative_of_a_single_panel_speaks_of_one(adequate):

@@ -71,10 +71,10 @@ def legend_below(ax: Axes, handles: Sequence[Any] | None = None) -> None:
     _in_columns(ax, drawn, labels, frame.width, borderaxespad=0.0, **where)
 
 
-def shared_legend(made: Figure, ax: Axes) -> Legend:
+def shared_legend(made: Figure, ax: Axes) -> None:
     """One legend under a figure for all of its panels, whose curves are those of one of them."""
     handles, labels = ax.get_legend_handles_labels()
-    return _in_columns(made, handles, labels, made.bbox.width, loc="outside lower center")
+    _in_columns(made, handles, labels, made.bbox.width, loc="outside lower center")
 
 
 def _in_columns(on: Axes | Figure, handles: Sequence[Any], labels: Sequence[str], width: float, **where: Any) -> Legend:

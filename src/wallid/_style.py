@@ -89,11 +89,6 @@ def _kind(sensor: int) -> int:
     return (sensor + sensor // len(SENSORS)) % len(_LINES)
 
 
-def unit(text: str) -> str:
-    """A unit as a person writes it."""
-    return text.replace("m2", "m²").replace("m3", "m³")
-
-
 def ink_on(ground: Any) -> str:
     """Black or white, whichever stands out more from a colour (WCAG 2.2's contrast ratio)."""
     return "black" if contrast(ground, "black") > contrast(ground, "white") else "white"

@@ -171,8 +171,6 @@ class _Part:
             if one == "correlations":
                 rows = [(own, *(number(x, 2) for x in row)) for own, row in zip(names, item, strict=True)]
                 self._stand("correlations of the parameters", ("", *names), rows)
-            elif one == "p_value" and "size" in series and sum(size is not None for size in value["size"]) < 2:
-                self.rows.append((f"{name} {words(one)}".strip(), number(None)))  # one size is the same as no other
             else:
                 self._add(one, f"{name} {_label(one, key, value)}".strip(), item)
 

@@ -11,7 +11,6 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
-from matplotlib.legend import Legend
 
 from . import plot, plot_flux
 from ._legend import shared_legend
@@ -49,13 +48,6 @@ _MOST_POINTS = 20_000  # of a line: past it a drawing holds it as pixels
 _MOST_MARKERS = 400  # of a line: each is a stroke of its own
 _MOST_SENSORS = 6  # of the worst week's figure
 _NARROW = 4.0  # inches
-_REFUSED = {
-    "in the model": "nearest effect, refused",
-    "cannot be told from it": "cannot be told from that",
-    "with the effect": "with the nearest effect, refused",
-    "with the effects": "with the nearest effects, refused",
-}
-"""How the legends speak of an effect that was tried and may not stand."""
 
 
 def save(
@@ -261,15 +253,7 @@ def _missing_figure(explanation: Explanation) -> Figure:
     made, axes = plot.figure(2, 1, width=8.0, height=3.2)
     plot.waterfall(axes[0], explanation)
     plot.ranked_gains(axes[1], explanation)
-    if explanation.incomplete:
-        _refuse(axes[1].get_legend())
     return made
-
-
-def _refuse(legend: Legend) -> None:
-    """Tell an effect that may not stand from one that was found."""
-    for text in legend.get_texts():
-        text.set_text(_REFUSED.get(text.get_text(), text.get_text()))
 
 
 def _residuals_figure(explanation: Explanation) -> Figure:
@@ -295,9 +279,7 @@ def _week_figure(explanation: Explanation) -> Figure:
         if s > 0:
             row[1].sharey(np.ravel(axes)[1])  # to see which sensor misses most
         plot.week_residuals(row[1], explanation, s, legend=False)
-    legend = shared_legend(made, np.ravel(axes)[0])
-    if explanation.incomplete:
-        _refuse(legend)
+    shared_legend(made, np.ravel(axes)[0])
     return made
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import platform
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
@@ -39,12 +39,6 @@ _BADGES = {
     "uninformative": "not to be relied on",
     None: "estimate",
 }
-_NEAREST = {
-    "in the model": "the nearest known effect, refused",
-    "cannot be told from what is in the model": "cannot be told from the nearest",
-    "explained by what is in the model": "explained by the nearest as well",
-}
-"""How the ranked table speaks of an effect that was tried and may not stand."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +71,7 @@ def page(run: Run, result: dict[str, Any], figures: Iterable[tuple[str, Figure]]
         run=run,
         case=run.case,
         explanation=run.explanation,
-        ranked=list(_ranked(run)),
+        ranked=() if run.explanation is None else run.explanation.table,
         result=result,
         verdict=result["verdict"],
         badge=_badge(run, result),
@@ -175,15 +169,6 @@ def _fits_fluxes(result: dict[str, Any]) -> str:
         f"The model misses the fluxes by {left:.2g} W/m2, where their noise explains {noise:.2g} W/m2: the interval "
         "counts that misfit too."
     )
-
-
-def _ranked(run: Run) -> Iterator[tuple[Any, str]]:
-    """The rows of the ranked table, each with why it is in the model or not."""
-    if run.explanation is None:
-        return
-    refused = bool(run.explanation.incomplete)
-    for row in run.explanation.table:
-        yield row, _NEAREST.get(row.reason, row.reason) if refused else row.reason
 
 
 def _untestable(run: Run) -> dict[str, str]:

@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 
 from ._legend import legend_above, legend_below, make_room
-from ._style import BLUE, DAYS, GREEN, GREY, KEEP, ORANGE, RED, SKY, ink_on, unit
+from ._numbers import unit
+from ._style import BLUE, DAYS, GREEN, GREY, KEEP, ORANGE, RED, SKY, ink_on
 from .discrepancy import Explanation, Named
 from .discrepancy.explanation import CHANCE
 from .discrepancy.extend import Fit
@@ -111,7 +112,10 @@ def waterfall(ax: Axes, explanation: Explanation) -> None:
     """The gap from the plain model through each effect to what is left, beside what noise alone would leave."""
     gap, steps = explanation.gap, waterfall_steps(explanation)
     bars = [("plain model", 0.0, gap.before, GREY)]
-    bars += [("+ " + label, gap_before, gap_after, SKY) for (_, gap_before), (label, gap_after) in pairwise(steps)]
+    refused = ", refused" if explanation.incomplete else ""
+    bars += [
+        (f"+ {label}{refused}", gap_before, gap_after, SKY) for (_, gap_before), (label, gap_after) in pairwise(steps)
+    ]
     held = [(0, gap.held_out_before)]
     if explanation.after.active:
         bars.append(("after", 0.0, gap.after, BLUE))
@@ -153,7 +157,8 @@ def ranked_gains(ax: Axes, explanation: Explanation, count: int = _SHOWN) -> Non
     tints = [GREEN if row.slot in named else ORANGE if row.slot in rivals else GREY for row in rows]
     places = np.arange(len(rows))
     expected = np.array([row.expected for row in rows])
-    for tint, words in ((GREEN, "in the model"), (ORANGE, "cannot be told from it"), (GREY, "not taken")):
+    standing = "nearest effect, refused" if explanation.incomplete else "in the model"
+    for tint, words in ((GREEN, standing), (ORANGE, "cannot be told from it"), (GREY, "not taken")):
         chosen = [place for place, own in zip(places, tints, strict=True) if own == tint]
         if chosen:
             ax.plot(expected[chosen], chosen, "o", color=tint, label=words)
@@ -227,15 +232,18 @@ def size_by_window(ax: Axes, explanation: Explanation, named: Named) -> None:
         ylabel=f"{size.name.replace('_', ' ')} ({unit(size.unit) or '-'})",
         xlim=(0, record.rows * record.step / _DAY),
     )
-    told = f"; all the same: p = {windows.p_value:.2g}" if np.isfinite(windows.size).sum() > 1 else ""
+    told = f"; {windows.told} of {len(windows.size)} quarters tell of it"
+    if windows.told > 1:
+        told = f"; all the same: p = {windows.p_value:.2g}"
     ax.set_title(f"{explanation.study.label(named.slot.effect)}, 95 %{told}", wrap=True)
     legend_above(ax)
 
 
 def _with(explanation: Explanation) -> str:
     """The name of the later model."""
-    count = len(explanation.effects)
-    return "with the effect" if count == 1 else "with the effects"
+    which = "nearest " if explanation.incomplete else ""
+    refused = ", refused" if explanation.incomplete else ""
+    return f"with the {which}effect{'s' if len(explanation.effects) > 1 else ''}{refused}"
 
 
 def _folded(label: str, width: int = 16) -> str:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
+from ._legend import legend_above
 from ._style import BLUE, DAYS, GREY, colour
 from .case import Case
 from .estimated import Estimate
 from .free import flux_noise_std
-from .plot_record import legend_above, thinned
+from .plot_record import thinned
 from .quantity import NORMAL_95
 
 _BINS = 61
@@ -44,7 +45,7 @@ def flux_residual(ax: Axes, case: Case, fit: Estimate, plate: int) -> None:
     ax.axhspan(-band, band, color=GREY, alpha=0.15, lw=0, label="noise, 95 %")
     ax.axhline(0.0, color=GREY, lw=0.8)
     ax.set(xlabel=DAYS, ylabel="residual (W/m²)", title="Measured minus simulated")
-    legend_above(ax, ncols=1)
+    legend_above(ax)
 
 
 def flux_density(ax: Axes, case: Case, fit: Estimate, plate: int) -> None:

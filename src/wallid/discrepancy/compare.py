@@ -114,13 +114,19 @@ class Windows:
 
     Arguments:
         days: the middle of each window, from the record's start.
-        size, std: in the effect's unit; NaN where a window tells nothing of it. p_value: of all being the same.
+        size, std: in the effect's unit; NaN where a window tells nothing of it. p_value: of all being the same, 1 where
+            fewer than two tell.
     """
 
     days: np.ndarray
     size: np.ndarray
     std: np.ndarray
     p_value: float
+
+    @property
+    def told(self) -> int:
+        """How many windows tell something of the size."""
+        return int(np.isfinite(self.size).sum())
 
 
 def windows(fit: Fit, slot: Slot) -> Windows:

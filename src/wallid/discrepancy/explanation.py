@@ -264,10 +264,11 @@ class Explanation:
 
     def _reason(self, slot: Slot, place: int, trial: Trial | None, found: dict[Slot, Named]) -> str:
         """Why an effect is in or not, in a few words."""
+        taken = "the nearest known effect" if self.incomplete else "what is in the model"
         if slot in found:
-            return "in the model"
+            return "the nearest known effect, refused" if self.incomplete else "in the model"
         if any(slot is other for named in self.effects for other in named.alternatives):
-            return "cannot be told from what is in the model"
+            return f"cannot be told from {taken}"
         if trial is not None and trial.reason:
             return trial.reason
         if self.screen.gain[place] == 0.0:
@@ -276,7 +277,7 @@ class Explanation:
             return "no more than chance makes"
         if not self.effects:
             return "does not explain what is left"
-        return "explained by what is in the model"
+        return f"explained by {taken}"
 
     @property
     def sentence(self) -> str:

@@ -40,7 +40,7 @@ def result(found: Explanation) -> dict[str, Any]:
                     "days": named.windows.days,
                     "size": named.windows.size,
                     "std": named.windows.std,
-                    "p_value": named.windows.p_value,
+                    "p_value": named.windows.p_value if named.windows.told > 1 else None,
                 },
             }
             for named in told

@@ -117,11 +117,15 @@ def summary(found: Explanation) -> str:
             f"{p.name} {named.values[p.name][0]:.4g} +- {named.values[p.name][1]:.1g} {p.unit}".rstrip()
             for p in named.slot.effect.parameters
         )
+        told = named.windows.told
+        same = (
+            f"same: p = {named.windows.p_value:.2g}" if told > 1 else f"{told} of {len(named.windows.size)} tell of it"
+        )
         lines.append(f"effect       {study.label(named.slot.effect)}: {values}")
         lines.append(
             f"             -2 log L drops by {named.gain:.1f} ({named.expected:.1f} expected), "
             f"p <= {named.p_value:.2g}; by windows {_list(named.windows.size)} "
-            f"(same: p = {named.windows.p_value:.2g})"
+            f"({same})"
         )
     lines.append("ranked       expected gain, gain, size, shift of the diffusivity, what looks like it")
     for row in found.table[:_TOP]:
