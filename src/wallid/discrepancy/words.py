@@ -124,8 +124,7 @@ def summary(found: Explanation) -> str:
         lines.append(f"effect       {study.label(named.slot.effect)}: {values}")
         lines.append(
             f"             -2 log L drops by {named.gain:.1f} ({named.expected:.1f} expected), "
-            f"p <= {named.p_value:.2g}; by windows {_list(named.windows.size)} "
-            f"({same})"
+            f"p <= {named.p_value:.2g}; by windows {_list(named.windows.size)} ({same})"
         )
     lines.append("ranked       expected gain, gain, size, shift of the diffusivity, what looks like it")
     for row in found.table[:_TOP]:
