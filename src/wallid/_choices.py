@@ -7,10 +7,10 @@ from typing import Literal, no_type_check
 
 from ._columns import FEWEST_ROWS
 from ._fields import InputError, number, one_of, series, settle, whole
+from ._units import DAY
 from .record import Record
 
 FREE = ("layers", "film_left", "film_right")
-_DAY = 86400.0
 _MOST_DAYS = 1e5
 _MOST_NODES = 5000  # past it, the dense matrices of the large model fill the memory
 
@@ -113,7 +113,7 @@ def check_choices(choices: Choices, record: Record) -> None:
         if rows < FEWEST_ROWS:
             raise InputError(f"{name} = {days:g} makes {rows} {spacing}; it must make at least {FEWEST_ROWS}")
         if rows > record.rows:
-            longest = record.rows * record.step / _DAY
+            longest = record.rows * record.step / DAY
             raise InputError(
                 f"{name} = {days:g} is longer than the record of {record.rows} {spacing}; "
                 f"it must be at most {longest:.6g} (days)"

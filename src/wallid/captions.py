@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ._numbers import prose
+from ._units import DAY
 from .figures import shaded
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def _record(run: Run) -> str:
     faces = record.faces[~record.broken]
     low, high = faces.min(axis=0), faces.max(axis=0)
     return (
-        f"Temperatures over {record.duration / 86400:.3g} days: left face {low[0]:.1f} to {high[0]:.1f} degC, right "
+        f"Temperatures over {record.duration / DAY:.3g} days: left face {low[0]:.1f} to {high[0]:.1f} degC, right "
         f"face {low[1]:.1f} to {high[1]:.1f} degC, {len(record.names)} inner sensors"
         + ("; below, when each has readings." if run.check is not None else _used(run))
     )

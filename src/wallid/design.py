@@ -23,6 +23,7 @@ import numpy as np
 from jax.sharding import Mesh
 
 from ._fields import one_of
+from ._units import DAY
 from .case import Case
 from .experiment import Window, experiment, large_model, scales, window_rows
 from .information import HOPELESS, Criterion, Of, Robust, alphas_of, check_words, merit
@@ -81,7 +82,7 @@ class Design:
     @property
     def start_days(self) -> np.ndarray:
         """The candidates' starts in days after the record's."""
-        return self.starts * self.step / 86400.0
+        return self.starts * self.step / DAY
 
     @property
     def expected_error(self) -> float:
@@ -235,5 +236,5 @@ def candidate_starts(record: Record, rows: int, every: int | None) -> np.ndarray
     """First rows of windows of `rows` rows inside a record, `every` rows (None: about a day) apart, none on a break."""
     spare = record.longest_part[1] - rows
     if every is None:
-        every = min(max(1, round(86400.0 / record.step)), max(1, spare // 2))
+        every = min(max(1, round(DAY / record.step)), max(1, spare // 2))
     return np.concatenate([np.arange(first, first + part - rows + 1, every) for first, part in record.unbroken])

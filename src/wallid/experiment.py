@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ._columns import FEWEST_ROWS
+from ._units import DAY
 from .case import Case
 from .lom import Output, lom
 from .statespace import StateSpace
@@ -154,7 +155,7 @@ def window_rows(case: Case, days: float) -> int:
             "the record's own"
             if most == case.record.rows
             else (
-                f"those of its longest unbroken part ({most * case.record.step / 86400:.4g} days; a longer [record] "
+                f"those of its longest unbroken part ({most * case.record.step / DAY:.4g} days; a longer [record] "
                 "longest_gap breaks it less)"
             )
         )

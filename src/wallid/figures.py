@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from . import plot, plot_flux
 from ._legend import shared_legend
+from ._units import DAY
 from .discrepancy import Explanation
 from .discrepancy.extend import Fit
 from .discrepancy.locate import Remainder
@@ -164,7 +165,7 @@ def _design_figure(run: Run) -> Figure:
     made, axes = plot.figure(2 if run.lengths is None else 3, height=2.4)
     window = whole(run.case)
     sensitivity = theta_kelvin(large_model(run.case), run.case, window, run.design.diffusivities[0])
-    days = np.asarray(run.case.record.time)[window.row : window.row + window.rows] / 86400.0
+    days = np.asarray(run.case.record.time)[window.row : window.row + window.rows] / DAY
     plot.theta(axes[0], run.case, days, sensitivity)
     plot.criterion(axes[1], run.design)
     if run.lengths is not None:

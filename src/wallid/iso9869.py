@@ -22,7 +22,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_DAY = 86400.0
+from ._units import DAY
+
 _LEAST_DAYS = 3.0
 _CLOSE = 0.05
 
@@ -78,8 +79,8 @@ def average_method(
         step: s. face: of the plate, "left" or "right".
         areal_heat_capacity: J/m2/K, for the heat stored; None leaves it in.
     """
-    days = len(flux) * step / _DAY
-    per_day = round(_DAY / step)
+    days = len(flux) * step / DAY
+    per_day = round(DAY / step)
 
     def over(first: int, rows: int, capacity: float | None) -> float | None:
         part = slice(max(first, 0), max(first, 0) + rows)

@@ -12,12 +12,11 @@ from ._fields import InputError, nearest
 from ._format import Format
 from ._look import Look, look
 from ._toml import Answers, write_toml
+from ._units import DAY
 from .case import Case, load
 from .record import Record, read_record
 
 __all__ = ["Answers", "Ask", "metres", "new_case", "place"]
-
-_DAY = 86400.0
 
 
 def place(text: str) -> tuple[str, float]:
@@ -126,10 +125,10 @@ def _sensor_units(answers: Answers, seen: Look) -> dict[str, str]:
 def _window_days(record: Record) -> float:
     """Three days, or half of what the record holds without a break."""
     rows = record.longest_part[1]
-    if rows * record.step >= 6 * _DAY:
+    if rows * record.step >= 6 * DAY:
         return 3.0
     wanted = min(max(rows // 2, 2 * FEWEST_ROWS), rows)
-    return float(f"{wanted * record.step / _DAY:.4g}")
+    return float(f"{wanted * record.step / DAY:.4g}")
 
 
 def _complete(record: Path, answers: Answers, seen: Look, ask: Ask | None) -> Answers:

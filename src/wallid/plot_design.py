@@ -8,6 +8,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from ._legend import legend_above, legend_below
 from ._style import BLUE, GREY, ORANGE, RED, colour, marked_line
+from ._units import DAY
 from .design import Design
 from .lengths import Lengths
 from .places import Places
@@ -20,9 +21,9 @@ def criterion(ax: Axes, design: Design) -> None:
         ax.plot(design.start_days, values, ms=3, label=rf"$\alpha$ = {alpha:.2g} m²/s", **marked_line(a))
     if design.robust != "no":
         ax.plot(design.start_days, design.merit, "-", lw=2.0, color=GREY, label=f"{design.robust}")
-    best = design.best.row * design.step / 86400.0
+    best = design.best.row * design.step / DAY
     ax.plot([best], [1.0], "o", ms=9, mfc="none", color=RED, label=f"best, from day {best:g}")
-    length = design.rows * design.step / 86400.0
+    length = design.rows * design.step / DAY
     ax.set(
         xlabel=f"start of the window of {length:.3g} days (days)",
         ylabel=r"$\Psi / \Psi_{max}$ (-)",

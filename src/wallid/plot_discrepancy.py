@@ -11,6 +11,7 @@ from matplotlib.collections import QuadMesh
 from ._legend import legend_above, legend_below, make_room
 from ._numbers import unit
 from ._style import BLUE, DAYS, GREEN, GREY, KEEP, ORANGE, RED, SKY, ink_on
+from ._units import DAY
 from .discrepancy import Explanation, Named
 from .discrepancy.explanation import CHANCE
 from .discrepancy.extend import Fit
@@ -18,8 +19,7 @@ from .discrepancy.study import Slot
 from .plot_remainder import days_of, names_of, short
 from .quantity import NORMAL_95
 
-_DAY = 86400.0
-_WEEK = 7 * _DAY
+_WEEK = 7 * DAY
 _CLIPPED = 98.0  # percentile of the residuals that the map's colours reach: single outliers would bleach it
 _KOLMOGOROV_95 = 1.358
 _SHOWN = 12
@@ -230,7 +230,7 @@ def size_by_window(ax: Axes, explanation: Explanation, named: Named) -> None:
     ax.set(
         xlabel=DAYS,
         ylabel=f"{size.name.replace('_', ' ')} ({unit(size.unit) or '-'})",
-        xlim=(0, record.rows * record.step / _DAY),
+        xlim=(0, record.rows * record.step / DAY),
     )
     told = f"; {windows.told} of {len(windows.size)} quarters tell of it"
     if windows.told > 1:

@@ -8,6 +8,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ._legend import legend_above, make_room, shortened
 from ._style import BLUE, DAYS, GREEN, GREY, ORANGE, RED, colour, line, marked_line, marks
+from ._units import DAY
 from .case import Case
 from .estimated import Estimate
 from .experiment import Window, fit_profile
@@ -134,4 +135,4 @@ def _band(ax: Axes, days: np.ndarray, middle: np.ndarray, half: np.ndarray, tint
 
 def _window_days(case: Case, window: Window) -> np.ndarray:
     """When a window's rows were logged, days since the record's start."""
-    return np.asarray(case.record.time)[window.row : window.row + window.rows] / 86400.0
+    return np.asarray(case.record.time)[window.row : window.row + window.rows] / DAY

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 
 from ._legend import legend_above
 from ._style import BLUE, DAYS, GREY, colour
+from ._units import DAY
 from .case import Case
 from .estimated import Estimate
 from .free import flux_noise_std
@@ -63,4 +64,4 @@ def flux_density(ax: Axes, case: Case, fit: Estimate, plate: int) -> None:
 
 def _days(case: Case, fit: Estimate) -> np.ndarray:
     """When the rows of the estimate's window were logged, days since the record's start."""
-    return np.asarray(case.record.time)[fit.window.row : fit.window.row + fit.window.rows] / 86400.0
+    return np.asarray(case.record.time)[fit.window.row : fit.window.row + fit.window.rows] / DAY

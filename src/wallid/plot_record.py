@@ -10,6 +10,7 @@ from matplotlib.patches import Patch
 
 from ._legend import legend_above, legend_below, shortened
 from ._style import DAYS, FACES, GREY, ORANGE, YELLOW, colour, line, marks
+from ._units import DAY
 from .case import Case
 from .experiment import Window
 
@@ -35,7 +36,7 @@ def thinned(days: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 def record(ax: Axes, case: Case, window: Window | None = None) -> None:
     """The faces and sensors over the whole record, what was filled, masked or broken, and the window chosen."""
-    logged, days = case.record, np.asarray(case.record.time) / 86400.0
+    logged, days = case.record, np.asarray(case.record.time) / DAY
     faces = np.where(logged.broken[:, None], np.nan, logged.faces)
     for side, (name, tint) in enumerate(zip(("left", "right"), FACES, strict=True)):
         place = "outside" if case.wall.outside == name else "inside"
@@ -89,7 +90,7 @@ def _mark_breaks(ax: Axes, case: Case, days: np.ndarray, label: str | None = Non
 
 def coverage(ax: Axes, case: Case) -> None:
     """For each face and sensor when it has readings, when it was interpolated, and which readings are missing."""
-    logged, days = case.record, np.asarray(case.record.time) / 86400.0
+    logged, days = case.record, np.asarray(case.record.time) / DAY
     std = np.zeros((logged.rows, 2)) if logged.fill_std is None else logged.fill_std
     names = ["left face", "right face", *(shortened(name) for name in logged.names)]
     columns = (*logged.cleaning.faces, *logged.names)
@@ -102,7 +103,7 @@ def coverage(ax: Axes, case: Case) -> None:
         _bars(ax, days, _stretches(filled), k, ORANGE, _NARROWEST)
         gaps = _stretches(~there & ~filled & ~logged.broken)
         lost = [0.5 * (days[a] + days[b - 1]) for a, b in gaps if days[b - 1] - days[a] < _NARROWEST * days[-1]]
-        lost += list(logged.cleaning.masked.get(column, np.array([])) / 86400.0)
+        lost += list(logged.cleaning.masked.get(column, np.array([])) / DAY)
         ax.plot(lost, np.full(len(lost), k), "|", ms=11, mew=1.2, color=BLACK)
         shown |= {"interpolated"} if filled.any() else set()
         shown |= {"missing"} if lost else set()

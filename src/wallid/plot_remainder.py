@@ -13,12 +13,12 @@ from matplotlib.ticker import MaxNLocator
 
 from ._legend import legend_above, legend_below, make_room, shortened
 from ._style import DAYS, GREY, colour, line, marked_line, marks
+from ._units import DAY
 from .discrepancy import Explanation
 from .discrepancy.extend import Fit
 from .discrepancy.locate import Remainder
 from .discrepancy.model import impulses
 
-_DAY = 86400.0
 _CLIPPED = 98.0  # percentile of the residuals that the map's colours reach: single outliers would bleach it
 _KOLMOGOROV_95 = 1.358
 
@@ -31,7 +31,7 @@ def residual_map(ax: Axes, fit: Fit, limit: float, title: str, *, colour_bar: bo
     """
     make_room(ax)
     days = days_of(fit)
-    step = fit.study.record.step / _DAY
+    step = fit.study.record.step / DAY
     names = names_of(fit)
     edges = np.append(days, days[-1] + step) - 0.5 * step
     mesh = ax.pcolormesh(
@@ -87,7 +87,7 @@ def smooth_remainder(ax: Axes, fit: Fit, left: Remainder) -> None:
     Beside it the mean of each day's remainder.
     """
     days = days_of(fit)
-    middle = (np.arange(len(left.smooth)) + 0.5) * fit.study.bins.rows * fit.study.record.step / _DAY
+    middle = (np.arange(len(left.smooth)) + 0.5) * fit.study.bins.rows * fit.study.record.step / DAY
     number = days.astype(int)
     for s, name in enumerate(names_of(fit)):
         ax.plot(middle, left.smooth[:, s], lw=1.1, label=name, **line(s))
@@ -113,7 +113,7 @@ def periodogram(values: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray
     centred = np.where(there, values - np.mean(values[there]), 0.0) if there.any() else np.zeros(len(values))
     # without the constant, and without the last that an even length has at half weight
     power = np.abs(np.fft.rfft(centred)[1 : (len(values) + 1) // 2]) ** 2
-    frequency = np.arange(1, len(power) + 1) / (len(values) * step) * _DAY
+    frequency = np.arange(1, len(power) + 1) / (len(values) * step) * DAY
     total = power.sum()
     return frequency, np.cumsum(power) / total if total > 0 else np.linspace(0.0, 1.0, len(power))
 
@@ -176,7 +176,7 @@ def names_of(fit: Fit) -> list[str]:
 
 
 def days_of(fit: Fit) -> np.ndarray:
-    return np.asarray(fit.study.record.time) / _DAY
+    return np.asarray(fit.study.record.time) / DAY
 
 
 def short(value: float) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 from ._fields import InputError, number, settle
 from ._format import Format, check_unit
 from ._reading import read_parts
+from ._units import DAY
 from .cleaning import Cleaning
 
 __all__ = ["REGRESSORS", "Format", "Record", "read_record"]
@@ -96,7 +97,7 @@ class Record:
 
     def rows_per(self, days: float) -> int:
         """How many rows make so many days."""
-        return max(1, round(days * 86400.0 / self.step))
+        return max(1, round(days * DAY / self.step))
 
     @cached_property
     def faces_std(self) -> np.ndarray:
@@ -187,7 +188,7 @@ class Record:
         missing = np.isnan(self.sensors).sum(axis=0)
         gaps = ", ".join(f"{name} {count}" for name, count in zip(self.names, missing, strict=True) if count)
         lines = [
-            f"{Path(self.file).name}: {self.rows} rows, one every {self.step:g} s, {self.duration / 86400:.4g} d",
+            f"{Path(self.file).name}: {self.rows} rows, one every {self.step:g} s, {self.duration / DAY:.4g} d",
             f"  from {first} to {last}",
             f"  faces: left {low[0]:.1f} to {high[0]:.1f} degC, right {low[1]:.1f} to {high[1]:.1f} degC",
             f"  inner sensors: {', '.join(self.names) or 'none'}; missing values: {gaps or 'none'}",
@@ -198,9 +199,7 @@ class Record:
             lines += ["  what was done to it:", *(f"    {line}" for line in done)]
         if len(self.unbroken) > 1:
             row, rows = self.longest_part
-            lines.append(
-                f"  longest unbroken part: {rows} rows from {self.stamp(row)}, {rows * self.step / 86400:.4g} d"
-            )
+            lines.append(f"  longest unbroken part: {rows} rows from {self.stamp(row)}, {rows * self.step / DAY:.4g} d")
         return "\n".join(lines)
 
     __str__ = summary

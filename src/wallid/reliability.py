@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ._units import DAY
 from .case import Case
 from .estimate import Estimate, paper_sigma
 from .experiment import Experiment, check_driven, experiment, fit_profile, large_model, scales, whole
@@ -133,7 +134,7 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
     slopes = np.asarray(_predict(extra, jnp.asarray(scale.fourier(fit.value * factors)), data))
     slopes = slopes * scale.temperature / case.wall.length
     return Reliability(
-        days=np.asarray(case.record.time)[part] / 86400.0,
+        days=np.asarray(case.record.time)[part] / DAY,
         names=tuple(sensor.name for sensor in case.sensors),
         measured=np.asarray(case.record.sensors)[part],
         prior=prior + offsets,

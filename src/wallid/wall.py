@@ -11,6 +11,7 @@ from itertools import accumulate
 from typing import Any, Literal, no_type_check
 
 from ._fields import InputError, number, one_of, settle, text
+from ._units import DAY
 
 __all__ = ["InputError", "Layer", "Scales", "Sensor", "Wall"]
 
@@ -197,7 +198,7 @@ class Scales:
         settle(self, temperature_min=number("temperature_min", self.temperature_min, "degC"))
 
     @classmethod
-    def of(cls, wall: Wall, time: float = 86400.0, temperature: float = 20.0, temperature_min: float = 0.0) -> Scales:
+    def of(cls, wall: Wall, time: float = DAY, temperature: float = 20.0, temperature_min: float = 0.0) -> Scales:
         """The scales of a wall: by default a day (s), 20 K, from 0 degC."""
         return cls(wall.length, time, temperature, temperature_min)
 

@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import chdtrc
 
+from .._units import DAY
 from .extend import Fit, refit, whiten_block, whiten_part
 from .study import Slot, Study
 
-_DAY = 86400.0
 _BLOCKS = 9  # a third of them is held out
 _LEAST = 0.2  # of the rows
 _WINDOWS = 4
@@ -64,9 +64,9 @@ def held_out(study: Study, events: Iterable[tuple[float, float]] = ()) -> np.nda
             held out that see least of it.
     """
     time = study.record.time
-    if study.record.duration + study.record.step < 3 * _DAY:
+    if study.record.duration + study.record.step < 3 * DAY:
         return None
-    days = (time // _DAY).astype(int)
+    days = (time // DAY).astype(int)
     block = days // max(1, (days[-1] + 1) // _BLOCKS)
     seen = sum(np.where(time >= begin, np.exp(-np.maximum(time - begin, 0.0) / lasts), 0.0) for begin, lasts in events)
     thirds = [(block % 3 == third) & (block > 0) for third in (1, 2, 0)]  # the first hours are a free profile's
@@ -159,5 +159,5 @@ def windows(fit: Fit, slot: Slot) -> Windows:
     weight = np.where(told, 1.0 / np.where(told, std, 1.0) ** 2, 0.0)
     mean = np.nansum(weight * size) / max(weight.sum(), 1e-300)
     p = float(chdtrc(max(told.sum() - 1, 1), np.nansum(weight * (size - mean) ** 2)))
-    days = 0.5 * (edges[1:] + edges[:-1]) * study.bins.rows * study.record.step / _DAY
+    days = 0.5 * (edges[1:] + edges[:-1]) * study.bins.rows * study.record.step / DAY
     return Windows(days, size, std, p)

@@ -9,6 +9,7 @@ from numpy.polynomial.hermite_e import hermegauss
 from scipy.linalg import solve_triangular
 from scipy.special import chdtrc
 
+from .._units import DAY
 from .extend import Fit
 
 _SLOW = 10  # cosines over the record, per sensor
@@ -17,7 +18,6 @@ _FASTEST = 1.0  # cycles a day: modulations of the diffusivity for all sensors a
 _DAILY = (1, 2)  # harmonics of the day, per sensor
 _RANK = 1e-3
 _NODES = 40  # of the Gauss-Hermite rule over the noise's power
-_DAY = 86400.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ def locate(fit: Fit) -> Remainder:
     names = [sensor.name for sensor in fit.study.case.sensors]
     hours = np.asarray(fit.study.model.campaign.hour)
     hours = np.concatenate([hours, [(hours[-1] + record.step / 3600.0) % 24]]).astype(int) % 24
-    days = (record.time // _DAY).astype(int)
+    days = (record.time // DAY).astype(int)
     with np.errstate(invalid="ignore", divide="ignore"):
         by_hour = np.stack([_mean(rest[hours == hour]) for hour in range(24)])
         by_day = np.sqrt(np.stack([_mean(rest[days == day] ** 2) for day in range(days[-1] + 1)]))
@@ -92,7 +92,7 @@ def omnibus_directions(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
     sensitivity = fit.in_kelvin()[0][:, 0].reshape(sensors, -1)  # to ln(diffusivity)
     bins = sensitivity.shape[1]
     middle = (np.arange(bins) + 0.5) / bins
-    days = middle * bins * study.bins.rows * study.record.step / _DAY
+    days = middle * bins * study.bins.rows * study.record.step / DAY
     slow = [np.cos(np.pi * k * middle) for k in range(_SLOW)]
     daily = [wave(2 * np.pi * k * days) for k in _DAILY for wave in (np.cos, np.sin)]
     own = [np.kron(np.eye(sensors)[s], course) for course in (*slow, *daily) for s in range(sensors)]

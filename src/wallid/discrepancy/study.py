@@ -17,6 +17,7 @@ from threading import Lock
 import jax.numpy as jnp
 import numpy as np
 
+from .._units import DAY
 from ..case import Case
 from ..effects import AIRS, SIDES, AbstractEffect, Campaign, Search, library, record_search
 from ..experiment import diagnosed
@@ -273,7 +274,7 @@ def _hours(record: Record) -> np.ndarray:
     if np.issubdtype(stamps.dtype, np.datetime64):
         since = (stamps - stamps.astype("datetime64[D]")) / np.timedelta64(1, "s")
         return np.asarray(since, float) / 3600.0
-    return np.mod(np.asarray(stamps, float), 86400.0) / 3600.0
+    return np.mod(np.asarray(stamps, float), DAY) / 3600.0
 
 
 _compiled: set[tuple[object, ...]] = set()

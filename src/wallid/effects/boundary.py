@@ -8,6 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._units import DAY
 from .base import AbstractEffect, Parameter, not_below, number
 from .terms import CONSTANT, DERIVATIVE, Campaign, Terms
 
@@ -48,7 +49,7 @@ class FaceLag(_OneFace):
     """`T_face = reading + time_constant d(reading)/dt`, of the monotone cubic through the readings."""
 
     name: ClassVar[str] = "face_lag"
-    parameters: ClassVar = (Parameter("time_constant", "s", 600.0, worth=120.0, least=0.0, most=2 * 86400.0),)
+    parameters: ClassVar = (Parameter("time_constant", "s", 600.0, worth=120.0, least=0.0, most=2 * DAY),)
     side: Side = eqx.field(static=True, default="left")
     time_constant: Float[Array, ""] = number()
 

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 from jax.scipy.special import ndtr
 from jaxtyping import Array, Float
 
+from .._units import DAY
 from .base import AbstractEffect, Parameter, not_below, number
 from .search import Search
 from .terms import Campaign, Step, Terms, Wetting
 
-_DAY = 86400.0
 LATENT_WIDTH = 0.5
 """Standard deviation of the capacity's bump at a phase change, K."""
 
@@ -150,7 +150,7 @@ class DiffusivityDrift(AbstractEffect):
 
     def bounds(self, parameter: Parameter, search: Search) -> tuple[float, float]:
         """A diffusivity that stays above a tenth to the record's end."""
-        return -0.9 * _DAY / search.duration, 10 * _DAY / search.duration
+        return -0.9 * DAY / search.duration, 10 * DAY / search.duration
 
 
 class WettingByRain(AbstractEffect):
@@ -159,12 +159,12 @@ class WettingByRain(AbstractEffect):
     name: ClassVar[str] = "wetting"
     parameters: ClassVar = (
         Parameter("jump", "", 0.1, worth=0.02, least=-0.8, most=5.0),
-        Parameter("time_constant", "s", _DAY),
-        Parameter("time", "s", _DAY / 4),
+        Parameter("time_constant", "s", DAY),
+        Parameter("time", "s", DAY / 4),
     )
     linear: ClassVar[bool] = False
     jump: Float[Array, ""] = number()
-    time_constant: Float[Array, ""] = number(_DAY)
+    time_constant: Float[Array, ""] = number(DAY)
     time: Float[Array, ""] = number()
 
     @property
@@ -180,13 +180,13 @@ class WettingByRain(AbstractEffect):
         """The rain events, or a grid of times where no rain was logged; two time constants."""
         times = search.rain or tuple(search.duration * (0.05 + 0.1 * i) for i in range(9))
         longest = self.bounds(self.parameters[1], search)[1]
-        for constant in sorted({min(1.5 * _DAY, longest), min(5 * _DAY, longest)}):
+        for constant in sorted({min(1.5 * DAY, longest), min(5 * DAY, longest)}):
             yield from ({"time": time, "time_constant": constant} for time in times if time < 0.9 * search.duration)
 
     def bounds(self, parameter: Parameter, search: Search) -> tuple[float, float]:
         """A time constant over half the record would be a drift by another name."""
         if parameter.name == "time_constant":
-            return 0.1 * _DAY, max(0.2 * _DAY, 0.5 * search.duration)
+            return 0.1 * DAY, max(0.2 * DAY, 0.5 * search.duration)
         if parameter.name == "time":
             return 0.0, 0.95 * search.duration
         return super().bounds(parameter, search)

@@ -8,6 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._units import DAY
 from .base import AbstractEffect, Parameter, not_below, number
 from .terms import Campaign, Terms
 
@@ -46,7 +47,7 @@ class SensorLag(_OneSensor):
     """`time_constant y' + y = T(x_s)`."""
 
     name: ClassVar[str] = "sensor_lag"
-    parameters: ClassVar = (Parameter("time_constant", "s", 600.0, worth=120.0, least=0.0, most=4 * 86400.0),)
+    parameters: ClassVar = (Parameter("time_constant", "s", 600.0, worth=120.0, least=0.0, most=4 * DAY),)
     sensor: int = eqx.field(static=True, default=0)
     time_constant: Float[Array, ""] = number()
 
@@ -59,7 +60,7 @@ class ClockShift(AbstractEffect):
     """`y(t) = T(t - delay)` for all inner sensors together: their logger's clock against the faces'."""
 
     name: ClassVar[str] = "clock_shift"
-    parameters: ClassVar = (Parameter("delay", "s", 600.0, worth=120.0, least=-86400.0, most=86400.0),)
+    parameters: ClassVar = (Parameter("delay", "s", 600.0, worth=120.0, least=-DAY, most=DAY),)
     delay: Float[Array, ""] = number()
 
     def extend(self, terms: Terms, campaign: Campaign) -> Terms:

@@ -8,11 +8,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from .._units import DAY
 from ..effects import Campaign, Terms, Wetting
 from .cells import Cells, coefficients, rate
 from .heat import LEAST_FACTOR, Heat
 
-_DAY = 86400.0
 _ONSET = 1800.0  # s, in which a wetting sets in
 
 
@@ -39,7 +39,7 @@ class NonlinearWall(eqx.Module):
 
     def factor(self, t: Array) -> Array:
         """`s(t)`, by which the diffusivity differs from that of the first row."""
-        factor = 1.0 + self.drift * t / _DAY
+        factor = 1.0 + self.drift * t / DAY
         for event in self.wettings:
             since = t - event.time
             onset = jnp.clip(0.5 + since / _ONSET, 0.0, 1.0)  # not at once, so that its time can be searched for

@@ -8,10 +8,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._units import DAY
 from ..effects import Campaign, Terms
 from ..exponential import phi_functions
-
-_DAY = 86400.0
 
 
 def readings(
@@ -20,7 +19,7 @@ def readings(
     """What the sensors and their logger make of the temperatures at their places, degC."""
     value, rate = _delayed(value, rate, terms.delay, campaign.step)
     value = _lagged(value, rate, terms.lag, campaign.step)
-    days = jnp.arange(value.shape[0])[:, None] * (campaign.step / _DAY)
+    days = jnp.arange(value.shape[0])[:, None] * (campaign.step / DAY)
     return value + terms.gain * (value - campaign.reference) + terms.offset + terms.rate * days
 
 
