@@ -16,6 +16,7 @@ import wallid
 from wallid import captions, plot, report, workflow
 from wallid._numbers import number, prose, quantity
 from wallid._settings import settings
+from wallid._style import KEEP
 from wallid._tables import tables
 from wallid.captions import alternative, caption
 from wallid.estimated import Estimate
@@ -162,14 +163,20 @@ def test_no_tick_of_a_logarithmic_axis_stays_black(run):
     assert svg.count("stroke: var(--ink)") > 40
 
 
-def test_letters_on_coloured_cells_keep_their_colour(run):
+def test_letters_on_a_ground_of_their_own_keep_their_colour(run):
     def cells(ax):
         ax.pcolormesh([[0.1, 0.9]], cmap="cividis")
-        ax.text(0.5, 0.5, "dark", color="white")
-        ax.text(1.5, 0.5, "bright", color="black")
+        ax.text(0.5, 0.5, "dark", color="white", gid=KEEP)
+        ax.text(1.5, 0.5, "bright", color="black", gid=KEEP)
 
     svg = drawing(run, cells)
     assert svg.count('"fill: #ffffff"') == svg.count('"fill: #000"') == 1
+    assert KEEP not in svg
+
+
+def test_names_on_the_wall_are_read_on_its_own_colour(run):
+    svg = drawing(run, lambda ax: plot.wall(ax, run.case))
+    assert svg.count('"fill: #000"') == len(run.case.sensors), "each sensor's name, black on sand"
 
 
 def test_a_light_grey_band_lets_the_page_through(run):

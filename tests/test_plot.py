@@ -243,7 +243,7 @@ def test_the_wall_says_what_each_layer_is_made_of(ax, case):
     plot.wall(ax, many)
     ax.get_figure().canvas.draw()
     told = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert told[0] == "1: 1.5 cm, 0.7 W/m/K, 1.4 MJ/m³/K, 5e-07 m²/s"
+    assert told[0] == "1: 1.5 cm, 0.7 W/m/K, 1.4 MJ/m³/K, 5 × 10⁻⁷ m²/s"
     assert told[-1] == "sensors, ± 1 standard deviation of the place"
     begin, thin = 0.0, 0
     for count, layer in enumerate(many.wall.layers):

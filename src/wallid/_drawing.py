@@ -7,12 +7,10 @@ import io
 import re
 from collections.abc import Sequence
 
-from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from ._style import GREY
+from ._style import GREY, KEEP
 from .figures import save
 
 _DECIMALS = re.compile(r"(\.\d\d)\d+")  # past a hundredth of a point nothing is seen
@@ -39,8 +37,7 @@ def sources(figures: Sequence[tuple[str, Figure]]) -> list[str]:
 
 def _source(made: Figure, stem: str, **options: int) -> str:
     """A figure as the data URI of an SVG without a background, in the colour of the reader's text."""
-    for ax in made.axes:
-        _prepare(ax)
+    _prepare(made)
     stream = io.StringIO()
     save(made, stream, "svg", salt=stem, facecolor="none", **options)
     text = stream.getvalue()
@@ -48,14 +45,20 @@ def _source(made: Figure, stem: str, **options: int) -> str:
     return f"data:image/svg+xml;base64,{base64.b64encode(_in_ink(text[text.index('<svg') :]).encode()).decode()}"
 
 
-def _prepare(ax: Axes) -> None:
-    """Take away a white ground, and mark black letters on coloured cells, which stay black whatever the page is."""
-    if to_hex(ax.get_facecolor()) == "#ffffff":
-        ax.set_facecolor("none")
-    if any(isinstance(cells, QuadMesh) for cells in ax.collections):
-        for text in ax.texts:
-            if to_hex(text.get_color()) == _BLACK:
-                text.set_color(_KEPT)
+def _prepare(made: Figure) -> None:
+    """Take away white grounds, and mark black that stands on a colour of its own: it stays black on any page."""
+    for ax in made.axes:
+        if to_hex(ax.get_facecolor()) == "#ffffff":
+            ax.set_facecolor("none")
+    for artist in made.findobj(lambda artist: artist.get_gid() == KEEP):
+        for part in ("color", "markeredgecolor", "edgecolor"):
+            if hasattr(artist, f"get_{part}") and _is_black(getattr(artist, f"get_{part}")()):
+                artist.set(**{part: _KEPT})
+        artist.set_gid(None)  # one name on several parts is none in an SVG
+
+
+def _is_black(colour: object) -> bool:
+    return isinstance(colour, str | tuple) and to_hex(colour) == _BLACK
 
 
 def _in_ink(svg: str) -> str:

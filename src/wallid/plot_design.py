@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from ._legend import legend_above, legend_below
+from ._numbers import number
 from ._style import BLUE, GREY, ORANGE, RED, colour, marked_line
 from ._units import DAY
 from .design import Design
@@ -18,7 +19,7 @@ from .sampling import Sampling
 def criterion(ax: Axes, design: Design) -> None:
     """The criterion over start days, for each diffusivity, the best window marked."""
     for a, (alpha, values) in enumerate(zip(design.diffusivities, design.criterion, strict=True)):
-        ax.plot(design.start_days, values, ms=3, label=rf"$\alpha$ = {alpha:.2g} m²/s", **marked_line(a))
+        ax.plot(design.start_days, values, ms=3, label=rf"$\alpha$ = {number(alpha, 2)} m²/s", **marked_line(a))
     if design.robust != "no":
         ax.plot(design.start_days, design.merit, "-", lw=2.0, color=GREY, label=f"{design.robust}")
     best = design.best.row * design.step / DAY
@@ -51,7 +52,7 @@ def compromise(ax: Axes, lengths: Lengths) -> None:
 def sensor_places(ax: Axes, found: Places) -> None:
     """The standard error to expect with one more sensor at each place, for each diffusivity; the best place marked."""
     for a, alpha in enumerate(found.diffusivities):
-        label = rf"one more, $\alpha$ = {alpha:.2g} m²/s"
+        label = rf"one more, $\alpha$ = {number(alpha, 2)} m²/s"
         ax.plot(found.places, found.std[0, a], ms=3, label=label, **marked_line(a))
         ax.axhline(found.std_before[a], color=colour(a), ls=":", lw=1.0, label="as it is" if a == 0 else None)
     for k, place in enumerate(found.there):

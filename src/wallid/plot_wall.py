@@ -9,6 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ._legend import legend_below, shortened
+from ._numbers import number
 from ._style import GREY, KEEP, marks
 from .case import Case
 from .wall import Wall
@@ -42,7 +43,7 @@ def wall(ax: Axes, case: Case) -> None:
 def _layers(ax: Axes, wall: Wall) -> list[Patch]:
     """The layers, numbered where there are several, and what each is made of."""
     if not wall.layers:
-        prior = f"prior {wall.diffusivity_prior:.3g} m²/s"
+        prior = f"prior {number(wall.diffusivity_prior, 3)} m²/s"
         key = _key(_FILLS[0], wall.length, wall.conductivity, wall.heat_capacity, prior)
         ax.axvspan(0.0, 100 * wall.length, color=_FILLS[0], lw=0)
         return [key]
@@ -50,7 +51,7 @@ def _layers(ax: Axes, wall: Wall) -> list[Patch]:
     for count, layer in enumerate(wall.layers, start=1):
         fill, end = _FILLS[(count - 1) % len(_FILLS)], begin + layer.thickness
         ax.axvspan(100 * begin, 100 * end, color=fill, lw=0)
-        diffusivity = f"{layer.conductivity / layer.heat_capacity:.3g} m²/s"
+        diffusivity = f"{number(layer.conductivity / layer.heat_capacity, 3)} m²/s"
         key = _key(fill, layer.thickness, layer.conductivity, layer.heat_capacity, diffusivity)
         key.set_label(f"{count}: {key.get_label()}")
         keys.append(key)
