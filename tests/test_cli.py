@@ -67,6 +67,7 @@ def test_the_summary_is_for_people(command):
 
 def test_validation_case_finds_its_truth(command, tmp_path):
     result = json.loads(command("run", "validation", "--json", "--orders", "2,3").stdout)
+    assert [one["order"] for one in result["orders"]] == [2, 3]
     jsonschema.validate(result, SCHEMA)
     low, high = result["diffusivity"]["interval_95"]
     assert low < 5.21e-7 < high

@@ -32,7 +32,7 @@ Weights = Annotated[
 Orders = Annotated[
     str,
     typer.Option(
-        "--orders", metavar="LIST", help='Also learn these orders for the figure of error against order: "2,5,10".'
+        "--orders", metavar="LIST", help='The orders of the figure of error against order, such as "2,4,8,16".'
     ),
 ]
 Draws = Annotated[

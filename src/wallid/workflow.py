@@ -32,9 +32,10 @@ from .wall import InputError
 Progress = Callable[[str, float], None]
 """Told the stage now beginning, and the share of the work done before it, 0 to 1."""
 
-STAGES = ("design", "learn", "estimate", "reliability", "lengths")
-"""Of a run; `diagnose` is one more, which takes as long as all of these together many times over, and `check` one
-that only looks at the record. `places` asks where a further sensor would help, `campaign` every window."""
+STAGES = ("design", "learn", "orders", "estimate", "reliability", "lengths")
+"""Of a run; `orders` is the reduced model's error against its order. `diagnose` is one more, which takes as long as all
+of these together many times over, and `check` one that only looks at the record. `places` asks where a further sensor
+would help, `campaign` every window."""
 
 _DAYS = (1.0, 2.0, 3.0, 5.0, 10.0)  # of the compromise figure
 _MOST_ROWS = 20_000  # past this, one length of the compromise costs seconds: not part of a run
@@ -137,7 +138,7 @@ def run(
 
     Arguments:
         window: given by hand; None for the design's best.
-        orders: reduced models to learn for the figure of error against order.
+        orders: reduced models to learn for the figure of error against order; none for a few up to the case's.
         weights: of the estimate's readings.
         integrator: how the design's, the learning's and the estimate's rows are stepped through.
         draws: of a bootstrap that checks the estimate's interval; 0 for none.
@@ -195,7 +196,8 @@ class _Shares:
             "design": 2.0,
             "lengths": 4.0,
             "places": 4.0,
-            "learn": 5.0 + 4.0 * orders,
+            "learn": 5.0,
+            "orders": 2.0 * (orders or 2),
             "estimate": 3.0,
             "reliability": 4.0,
             "campaign": 10.0,
@@ -207,7 +209,7 @@ class _Shares:
 
     def __call__(self, stage: str, words: str) -> None:
         """A stage begins."""
-        self.before, self.after = self.after, self.after + self.work[stage]
+        self.before, self.after = self.after, self.after + self.work.get(stage, 0.0)
         self.within(words, 0.0)
 
     def within(self, words: str, share: float) -> None:
@@ -246,10 +248,10 @@ def _of_window(
         with done.timed("learn"):
             # with order "auto", every order tried on the way is one of the figure's
             done.learned = learn(case, window, integrator=integrator, on_try=done.orders.append)
-        if orders:
+        if orders or ("orders" in stages and not done.orders):
+            begin("orders", "learn: the error of other orders")
             with done.timed("orders"):
-                large, signals = large_model(case), learning_signals(case, window)
-                done.orders = list(sweep_orders(large, orders, signals, integrator=integrator))
+                done.orders = _by_order(case, window, done.learned, orders, integrator)
         model = done.learned.system
     else:
         model = large_model(case)
@@ -275,6 +277,20 @@ def _of_window(
             choice = {name: word for name, word in designing.words.items() if name != "full"}
             done.places = sensor_places(case, window, count=designing.added, **choice)
             done.sampling = sampling(case, window)
+
+
+def _by_order(
+    case: Case, window: Window, learned: Learned, orders: Sequence[int], integrator: Integrator
+) -> list[Learned]:
+    """Reduced models of these orders, or of two below the one at hand beside it; none where there is none below."""
+    own = learned.system.order
+    wanted = orders or sorted({max(own // 5, 1), max(own // 2, 1), own})
+    if not orders and len(wanted) < 2:
+        return []
+    others = [order for order in wanted if order != own]
+    large, signals = large_model(case), learning_signals(case, window)
+    found = {one.system.order: one for one in sweep_orders(large, others, signals, integrator=integrator)}
+    return [found.get(order, learned) for order in wanted]
 
 
 def _of_fluxes(
