@@ -310,3 +310,14 @@ def test_only_lengths_that_were_timed_have_a_cost(ax):
 def test_an_ordinate_names_its_quantity_and_unit(ax, case, name, label):
     DRAWN[name](ax, case)
     assert ax.get_ylabel() == label
+
+
+def test_an_estimate_that_begins_at_its_minimum_is_drawn_as_one_that_stands(ax, case):
+    """Not as a climb of 1e-12 over an offset that nobody reads."""
+    fit = _fit(case)
+    history = fit.history | {"diffusivity": fit.value * (1 + 1e-12 * np.arange(len(fit.history["diffusivity"])))}
+    plot.convergence(ax, plt.subplots()[1], replace(fit, history=history))
+    ax.get_figure().canvas.draw()
+    low, high = ax.get_ylim()
+    assert high - low > 1e-3 * fit.value and low < fit.value < high
+    assert len({label.get_text() for label in ax.get_yticklabels()}) > 2

@@ -15,6 +15,7 @@ from .experiment import Window, fit_profile
 from .plot_record import thinned
 from .quantity import NORMAL_95
 
+_STILL = 1e-3  # relative: a diffusivity that moves less is drawn as one that stands
 _BAND_POINTS = 1000  # of an interval about a course
 
 
@@ -39,6 +40,9 @@ def convergence(value_ax: Axes, gamma_ax: Axes, fit: Estimate) -> None:
     steps = np.arange(len(fit.history["diffusivity"]))
     value_ax.plot(steps, fit.history["diffusivity"], "o-", color=BLUE)
     value_ax.set(xlabel="Gauss-Newton step", ylabel="diffusivity (m²/s)", title="Convergence")
+    value_ax.update_datalim([(0, fit.value * (1 + sign * _STILL)) for sign in (-1, 1)], updatex=False)
+    value_ax.autoscale_view()
+    value_ax.ticklabel_format(axis="y", useOffset=False)
     steps = steps[1:]
     for name, symbol, tint in (("gamma_1", r"$\gamma_1$ (cost)", ORANGE), ("gamma_2", r"$\gamma_2$ (value)", GREEN)):
         seen = fit.history[name][1:] > 0
