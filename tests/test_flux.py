@@ -14,7 +14,7 @@ from results import SCHEMA
 from typer.testing import CliRunner
 
 import wallid
-from wallid import plot, plot_flux
+from wallid import plot
 from wallid.case import Choices
 from wallid.cli import app
 from wallid.free import told_range
@@ -195,18 +195,19 @@ def test_the_figures_of_a_plate_show_the_estimates_numbers(both):
     """The interval by hand, the residual reading by reading, and a density of area one beside the noise's."""
     case, plate = case_of(), 1
     k, j = both.thermal.conductivity, both.predicted[:, plate]
-    half = plot_flux.reading_half_width(case, both, plate)
+    half = plot.flux_interval(case, both, plate)
     assert_allclose(half, 1.959964 * np.sqrt(NOISE**2 + (j * k.std / k.value) ** 2), rtol=1e-6)
     _, (course, residual, density) = plot.figure(1, 3)
-    plot_flux.flux_interval(course, case, both, plate)
+    plot.measured_flux(course, case, both, plate)
     there = np.isfinite(both.residual[:, plate])
     box = course.collections[0].get_paths()[0].get_extents()
     assert (box.y0, box.y1) == pytest.approx(((j - half)[there].min(), (j + half)[there].max()))
-    plot_flux.flux_residual(residual, case, both, plate)
+    plot.flux_residual(residual, case, both, plate)
     assert_allclose(residual.lines[0].get_ydata(), both.residual[there, plate])
-    plot_flux.flux_density(density, case, both, plate)
+    plot.flux_density(density, case, both, plate)
     (noise,) = density.lines
-    assert np.trapezoid(noise.get_ydata(), noise.get_xdata()) == pytest.approx(1.0, abs=0.01)
+    x = noise.get_xdata()
+    assert_allclose(noise.get_ydata(), np.exp(-0.5 * (x / NOISE) ** 2) / (NOISE * np.sqrt(2 * np.pi)), rtol=1e-9)
 
 
 def test_a_case_with_flux_alone_on_the_command_line(tmp_path):

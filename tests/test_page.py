@@ -211,7 +211,7 @@ def test_only_what_is_shown_is_told(run, fit):
     found = Run(run.case, fit=fit)
     assert "shaded" in alternative("record", found) and "yellow band" in caption("record", found)
     checked = Run(run.case, check=wallid.check.check(run.case))
-    assert "yellow where a face was interpolated" in caption("record", checked)
+    assert "orange where a face was interpolated" in caption("record", checked)
     learned = Learned(large_model(run.case), (1e-4, 2e-3), (1e-3, 2e-2), 1.0, 1)
     assert "order 99: 1.0 × 10⁻³ (temperature), 2.0 × 10⁻² (sensitivity)" in alternative(
         "orders", Run(run.case, orders=[learned])
@@ -253,7 +253,7 @@ def test_another_commands_report_is_kept_and_linked(run, tmp_path):
 
 
 def test_every_figure_has_its_caption_and_its_place_on_the_page():
-    assert set(captions.STEMS) == set(STEMS)
+    assert set(captions._CAPTIONS) == set(STEMS)
     template = resources.files("wallid").joinpath("templates/report.html").read_text("utf-8")
     assert {stem for stem in STEMS if f'picture("{stem}")' in template} == set(STEMS)
 

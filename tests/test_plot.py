@@ -282,7 +282,7 @@ def test_measured_flux_is_seen_over_the_simulated(ax, case):
         fit,
         predicted=np.column_stack([fit.predicted, faces.regressors["flux_left"][168:240]]),
         residual=np.zeros((72, 4)),
-        thermal=Mock(spec=Thermal, gains={"left": (0.0, 0.1)}),
+        thermal=Mock(spec=Thermal, gains={"left": (0.0, 0.1)}, conductivity=Mock(value=1.0, std=0.05)),
     )
     plot.measured_flux(ax, replace(case, record=faces), fit, 0)
     lines = {line.get_label(): line for line in ax.lines}

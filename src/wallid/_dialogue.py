@@ -58,7 +58,8 @@ def outdoors(left: str, right: str) -> str | None:
 
 def complete(answers: Answers, seen: Look, ask: Ask) -> Answers:
     """The answers with all that a case needs, asked for where it is missing."""
-    answers = replace(answers, form=replace(answers.form, day_first=_day_first(answers, seen, ask)))
+    if answers.form.day_first is None and seen.ambiguous:
+        answers = replace(answers, form=replace(answers.form, day_first=_day_first(ask)))
     columns = seen.of("temperature", "number")
     if answers.length is None:
         question = "Length of the wall between the two faces (m, or such as 43 cm)"
@@ -91,10 +92,8 @@ def complete(answers: Answers, seen: Look, ask: Ask) -> Answers:
     return answers
 
 
-def _day_first(answers: Answers, seen: Look, ask: Ask) -> bool | None:
-    """Whether dates begin with the day: as stated, as one of them shows, or asked for."""
-    if answers.form.day_first is not None or seen.day_first is not None or not seen.ambiguous:
-        return seen.day_first if answers.form.day_first is None else answers.form.day_first
+def _day_first(ask: Ask) -> bool:
+    """Whether dates begin with the day."""
     question = "Do dates begin with the day or the month, day or month"
     return ask(question, "day", lambda text: one_of("dates", text.strip().lower(), ("day", "month"))) == "day"
 

@@ -198,7 +198,7 @@ def campaign(
     fits, settled = [], []
     for k, window in enumerate(laid):
         progress(k, len(laid))
-        there = np.isfinite(case.record.sensors[window.row : window.row + window.rows]).any()
+        there = np.isfinite(case.record.sensors[window.part]).any()
         found = _one(case, window, system) if there else None
         fits.append(None if found is None else found[0])
         settled.append(None if found is None else found[1])

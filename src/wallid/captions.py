@@ -48,7 +48,7 @@ def _used(run: Run) -> str:
 def _record_caption(run: Run) -> str:
     if run.check is not None:
         return (
-            "What was logged, and when each face and sensor has readings: yellow where a face was interpolated, black "
+            "What was logged, and when each face and sensor has readings: orange where a face was interpolated, black "
             "marks where a reading was masked, grey where the record is broken."
         )
     window = "" if shaded(run) is None else " The yellow band is the window used."
@@ -282,7 +282,3 @@ def caption(stem: str, run: Run) -> str:
 def alternative(stem: str, run: Run) -> str:
     """What the figure of a stem shows, in words."""
     return prose(_CAPTIONS[stem][1](run))
-
-
-STEMS = tuple(_CAPTIONS)
-"""Of the figures that have a caption."""

@@ -33,6 +33,11 @@ class Window:
     row: int
     rows: int
 
+    @property
+    def part(self) -> slice:
+        """These rows of the record's arrays."""
+        return slice(self.row, self.row + self.rows)
+
 
 @runtime_checkable
 class HasBest(Protocol):

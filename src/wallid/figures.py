@@ -12,9 +12,8 @@ import numpy as np
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
-from . import plot, plot_flux
+from . import plot
 from ._legend import shared_legend
-from ._units import DAY
 from .discrepancy import Explanation
 from .discrepancy.extend import Fit
 from .discrepancy.locate import Remainder
@@ -165,8 +164,7 @@ def _design_figure(run: Run) -> Figure:
     made, axes = plot.figure(2 if run.lengths is None else 3, height=2.4)
     window = whole(run.case)
     sensitivity = theta_kelvin(large_model(run.case), run.case, window, run.design.diffusivities[0])
-    days = np.asarray(run.case.record.time)[window.row : window.row + window.rows] / DAY
-    plot.theta(axes[0], run.case, days, sensitivity)
+    plot.theta(axes[0], run.case, run.case.record.days[window.part], sensitivity)
     plot.criterion(axes[1], run.design)
     if run.lengths is not None:
         plot.compromise(axes[2], run.lengths)
@@ -198,10 +196,9 @@ def _flux_figure(run: Run) -> Figure:
     plates = len(run.fit.thermal.gains)
     made, axes = plot.figure(plates, 3, width=11.0, height=2.8)
     for p, (course, residual, density) in enumerate(np.atleast_2d(axes)):
-        plot_flux.flux_interval(course, run.case, run.fit, p)
         plot.measured_flux(course, run.case, run.fit, p)
-        plot_flux.flux_residual(residual, run.case, run.fit, p)
-        plot_flux.flux_density(density, run.case, run.fit, p)
+        plot.flux_residual(residual, run.case, run.fit, p)
+        plot.flux_density(density, run.case, run.fit, p)
     return made
 
 

@@ -139,13 +139,13 @@ def _complete(record: Path, answers: Answers, seen: Look, ask: Ask | None) -> An
             raise InputError(f'{record}: no column "{name}"; the columns are {", ".join(known)}{nearest(name, known)}')
     if answers.time is None:
         answers = replace(answers, time=seen.of("time")[0].name)
+    if answers.form.day_first is None:
+        answers = replace(answers, form=replace(answers.form, day_first=seen.day_first))
     if ask is not None:
         return complete(answers, seen, ask)
     _refuse_missing(record, answers, seen)
     assert answers.left and answers.right
-    day_first = seen.day_first if answers.form.day_first is None else answers.form.day_first
-    outside = answers.outside or outdoors(answers.left, answers.right)
-    return replace(answers, outside=outside, form=replace(answers.form, day_first=day_first))
+    return replace(answers, outside=answers.outside or outdoors(answers.left, answers.right))
 
 
 def _refuse_missing(record: Path, answers: Answers, seen: Look) -> None:
@@ -156,5 +156,5 @@ def _refuse_missing(record: Path, answers: Answers, seen: Look) -> None:
     if missing:
         there = ", ".join(map(str, seen.columns))
         raise InputError(f"{record}: nobody to ask here; give {', '.join(missing)}. The columns are {there}")
-    if answers.form.day_first is None and seen.day_first is None and seen.ambiguous:
+    if answers.form.day_first is None and seen.ambiguous:
         raise InputError(f"{record}: dates may begin with the day or the month; give --day-first or --month-first")

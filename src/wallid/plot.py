@@ -23,10 +23,10 @@ from .plot_estimate import (
     convergence,
     initial_profile,
     measured_against_simulated,
-    measured_flux,
     reading_interval,
     residual,
 )
+from .plot_flux import flux_density, flux_interval, flux_residual, measured_flux
 from .plot_model import orders, theta
 from .plot_record import coverage, record
 from .plot_reliability import density, flux, last_week, loads, uncertainty
@@ -62,6 +62,9 @@ __all__ = [
     "density",
     "figure",
     "flux",
+    "flux_density",
+    "flux_interval",
+    "flux_residual",
     "forest",
     "hourly_residual",
     "initial_profile",

@@ -112,7 +112,7 @@ def waterfall(ax: Axes, explanation: Explanation) -> None:
     """The gap from the plain model through each effect to what is left, beside what noise alone would leave."""
     gap, steps = explanation.gap, waterfall_steps(explanation)
     bars = [("plain model", 0.0, gap.before, GREY)]
-    refused = ", refused" if explanation.incomplete else ""
+    refused = _refused(explanation)
     bars += [
         (f"+ {label}{refused}", gap_before, gap_after, SKY) for (_, gap_before), (label, gap_after) in pairwise(steps)
     ]
@@ -157,7 +157,7 @@ def ranked_gains(ax: Axes, explanation: Explanation, count: int = _SHOWN) -> Non
     tints = [GREEN if row.slot in named else ORANGE if row.slot in rivals else GREY for row in rows]
     places = np.arange(len(rows))
     expected = np.array([row.expected for row in rows])
-    standing = "nearest effect, refused" if explanation.incomplete else "in the model"
+    standing = f"nearest effect{_refused(explanation)}" if explanation.incomplete else "in the model"
     for tint, words in ((GREEN, standing), (ORANGE, "cannot be told from it"), (GREY, "not taken")):
         chosen = [place for place, own in zip(places, tints, strict=True) if own == tint]
         if chosen:
@@ -242,8 +242,12 @@ def size_by_window(ax: Axes, explanation: Explanation, named: Named) -> None:
 def _with(explanation: Explanation) -> str:
     """The name of the later model."""
     which = "nearest " if explanation.incomplete else ""
-    refused = ", refused" if explanation.incomplete else ""
-    return f"with the {which}effect{'s' if len(explanation.effects) > 1 else ''}{refused}"
+    return f"with the {which}effect{'s' if len(explanation.effects) > 1 else ''}{_refused(explanation)}"
+
+
+def _refused(explanation: Explanation) -> str:
+    """Said of effects that may not stand; empty where they do."""
+    return ", refused" if explanation.incomplete else ""
 
 
 def _folded(label: str, width: int = 16) -> str:

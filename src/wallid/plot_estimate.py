@@ -8,15 +8,13 @@ from matplotlib.ticker import MaxNLocator
 
 from ._legend import legend_above, make_room, shortened
 from ._style import BLUE, DAYS, GREEN, GREY, ORANGE, RED, colour, line, marked_line, marks
-from ._units import DAY
 from .case import Case
 from .estimated import Estimate
 from .experiment import Window, fit_profile
-from .plot_record import thinned
+from .plot_record import shade, thinned
 from .quantity import NORMAL_95
 
 _STILL = 1e-3  # relative: a diffusivity that moves less is drawn as one that stands
-_BAND_POINTS = 1000  # of an interval about a course
 
 
 def initial_profile(ax: Axes, case: Case, window: Window) -> None:
@@ -80,11 +78,11 @@ def measured_against_simulated(
     Arguments:
         theta: see `reading_interval`; None leaves the interval out. legend: False where another panel's tells.
     """
-    days = _window_days(case, fit.window)
+    days = case.record.days[fit.window.part]
     part = case.record.window(fit.window.row, fit.window.rows)
     for s, sensor in enumerate(case.sensors):
         if theta is not None:
-            _band(ax, days, fit.predicted[:, s], reading_interval(case, fit, theta)[:, s], colour(s), 0.25)
+            shade(ax, days, fit.predicted[:, s], reading_interval(case, fit, theta)[:, s], colour(s), 0.25)
         ax.plot(*thinned(days, fit.predicted[:, s]), **line(s))
         ax.plot(*thinned(days, part.sensors[:, s]), ls="none", ms=3, mfc="none", mew=0.7, **marks(s))
         ax.plot([], [], ms=3, mfc="none", mew=0.7, **marked_line(s), label=shortened(sensor.name))
@@ -94,32 +92,17 @@ def measured_against_simulated(
     make_room(ax)
 
 
-def measured_flux(ax: Axes, case: Case, fit: Estimate, plate: int) -> None:
-    """A plate's readings and the model's flux over the estimate's window."""
-    assert fit.thermal is not None
-    face = list(fit.thermal.gains)[plate]
-    days = _window_days(case, fit.window)
-    part = case.record.window(fit.window.row, fit.window.rows)
-    there = np.isfinite(fit.residual[:, fit.sensors + plate])
-    # wide, and under the readings: both can be seen where they agree
-    ax.plot(days[there], fit.predicted[there, fit.sensors + plate], color=GREY, lw=2.4, label="simulated")
-    ax.plot(days, part.regressors[f"flux_{face}"], ".", ms=2.5, color=ORANGE, label="measured")
-    ax.set(xlabel=DAYS, ylabel="heat flux (W/m²)", title=f"Flux at the {face} face, positive to the right")
-    legend_above(ax)
-
-
 def residual(ax: Axes, case: Case, fit: Estimate, theta: np.ndarray | None = None, *, legend: bool = True) -> None:
     """Measured minus simulated over the estimate's window, with each reading's 95 % interval.
 
     Arguments:
         theta: see `reading_interval`; None leaves the interval out. legend: False where another panel's tells.
     """
-    days = _window_days(case, fit.window)
+    days = case.record.days[fit.window.part]
     for s, sensor in enumerate(case.sensors):
         if theta is not None:
-            _band(
-                ax, days, np.zeros(len(days)), reading_interval(case, fit, theta)[:, s], GREY, 0.24 / len(case.sensors)
-            )
+            half, alpha = reading_interval(case, fit, theta)[:, s], 0.24 / len(case.sensors)
+            shade(ax, days, np.zeros(len(days)), half, GREY, alpha)
         there = np.isfinite(fit.residual[:, s])
         shown = thinned(days[there], fit.residual[there, s])
         ax.plot(*shown, ms=3, mfc="none", mew=0.7, lw=0.7, **marked_line(s), label=shortened(sensor.name))
@@ -128,15 +111,3 @@ def residual(ax: Axes, case: Case, fit: Estimate, theta: np.ndarray | None = Non
     if legend:
         legend_above(ax)
     make_room(ax)
-
-
-def _band(ax: Axes, days: np.ndarray, middle: np.ndarray, half: np.ndarray, tint: str, alpha: float) -> None:
-    """An interval about a course, of a long window every some rows."""
-    some = slice(None, None, max(1, len(days) // _BAND_POINTS))
-    low, high = (middle - half)[some], (middle + half)[some]
-    ax.fill_between(days[some], low, high, color=tint, alpha=alpha, lw=0)
-
-
-def _window_days(case: Case, window: Window) -> np.ndarray:
-    """When a window's rows were logged, days since the record's start."""
-    return np.asarray(case.record.time)[window.row : window.row + window.rows] / DAY

@@ -16,6 +16,7 @@ from .experiment import Window
 
 BLACK = "#000000"
 _POINTS = 3000  # of a curve: more than a figure of this width shows
+_BAND_POINTS = 1000  # of an interval about one
 _FEW = 8  # sensors, whose places the legend of the record has room for
 _NARROWEST = 0.004  # of the record, about a line's width: what is shorter is drawn as wide as this, or by a mark
 
@@ -34,9 +35,16 @@ def thinned(days: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return days[rows], values[rows]
 
 
+def shade(ax: Axes, days: np.ndarray, middle: np.ndarray, half: np.ndarray, tint: str, alpha: float) -> None:
+    """An interval about a course, of a long one every some rows."""
+    some = slice(None, None, max(1, len(days) // _BAND_POINTS))
+    low, high = (middle - half)[some], (middle + half)[some]
+    ax.fill_between(days[some], low, high, color=tint, alpha=alpha, lw=0)
+
+
 def record(ax: Axes, case: Case, window: Window | None = None) -> None:
     """The faces and sensors over the whole record, what was filled, masked or broken, and the window chosen."""
-    logged, days = case.record, np.asarray(case.record.time) / DAY
+    logged, days = case.record, case.record.days
     faces = np.where(logged.broken[:, None], np.nan, logged.faces)
     for side, (name, tint) in enumerate(zip(("left", "right"), FACES, strict=True)):
         place = "outside" if case.wall.outside == name else "inside"
@@ -90,7 +98,7 @@ def _mark_breaks(ax: Axes, case: Case, days: np.ndarray, label: str | None = Non
 
 def coverage(ax: Axes, case: Case) -> None:
     """For each face and sensor when it has readings, when it was interpolated, and which readings are missing."""
-    logged, days = case.record, np.asarray(case.record.time) / DAY
+    logged, days = case.record, case.record.days
     std = np.zeros((logged.rows, 2)) if logged.fill_std is None else logged.fill_std
     names = ["left face", "right face", *(shortened(name) for name in logged.names)]
     columns = (*logged.cleaning.faces, *logged.names)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -31,23 +33,33 @@ def density(ax: Axes, reliability: Reliability, sensor: int) -> None:
         ("prior", reliability.residual_prior[:, sensor], ORANGE),
         ("estimate", reliability.residual[:, sensor], BLUE),
     )
-    sigma = reliability.sigma[:, sensor]
-    spread = max(np.nanpercentile(np.abs(values), 99.5) for _, values, _ in pairs)
-    edge = 1.1 * max(spread, 3.0 * float(np.sqrt(np.mean(sigma**2))))
-    bins = np.linspace(-edge, edge, 61)
-    for name, values, tint in pairs:
-        kept = values[np.isfinite(values)]
-        ax.hist(kept, bins=list(bins), density=True, histtype="stepfilled", fc=(tint, 0.35), ec=tint, label=name)
-    x = np.linspace(-edge, edge, 301)
-    share, middle = _histogram(sigma)
-    normal = np.exp(-0.5 * (x[:, None] / middle) ** 2) / (middle * np.sqrt(2 * np.pi))
-    ax.plot(x, normal @ share, color=GREY, label="measurement")
+    densities(ax, pairs, reliability.sigma[:, sensor], "measurement")
     ax.set(
         xlabel="measured minus predicted (K)",
         ylabel="density (1/K)",
         title=f"{shortened(reliability.names[sensor])}: residual",
     )
     legend_above(ax)
+
+
+def densities(ax: Axes, residuals: Sequence[tuple[str, np.ndarray, str]], sigma: np.ndarray, name: str) -> None:
+    """Histograms of residuals beside the density of normal noise, a share of the readings at each of its sizes.
+
+    Arguments:
+        residuals: (label, values, colour) of each.
+        sigma: standard deviation of the noise of each reading.
+        name: of the noise.
+    """
+    spread = max(np.nanpercentile(np.abs(values), 99.5) for _, values, _ in residuals)
+    edge = 1.1 * max(spread, 3.0 * float(np.sqrt(np.mean(sigma**2))))
+    bins = np.linspace(-edge, edge, 61)
+    for label, values, tint in residuals:
+        kept = values[np.isfinite(values)]
+        ax.hist(kept, bins=list(bins), density=True, histtype="stepfilled", fc=(tint, 0.35), ec=tint, label=label)
+    x = np.linspace(-edge, edge, 301)
+    share, size = _sizes(sigma)
+    normal = np.exp(-0.5 * (x[:, None] / size) ** 2) / (size * np.sqrt(2 * np.pi))
+    ax.plot(x, normal @ share, color=GREY, label=name)
 
 
 def uncertainty(ax: Axes, reliability: Reliability) -> None:
@@ -82,8 +94,9 @@ def loads(ax: Axes, loads: Loads) -> None:
     )
 
 
-def _histogram(sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Shares and middles of some 60 bins: a record's rows are too many for a density of each."""
+def _sizes(sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shares and means of some 60 bins: a record's rows are too many for a density of each."""
     count, edges = np.histogram(sigma, bins=60)
+    total, _ = np.histogram(sigma, bins=edges, weights=sigma)
     filled = count > 0
-    return count[filled] / count.sum(), (0.5 * (edges[1:] + edges[:-1]))[filled]
+    return count[filled] / count.sum(), total[filled] / count[filled]

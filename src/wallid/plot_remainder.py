@@ -176,7 +176,7 @@ def names_of(fit: Fit) -> list[str]:
 
 
 def days_of(fit: Fit) -> np.ndarray:
-    return np.asarray(fit.study.record.time) / DAY
+    return fit.study.record.days
 
 
 def short(value: float) -> str:

@@ -95,6 +95,11 @@ class Record:
         """From the first row to the last, s."""
         return float(self.time[-1] - self.time[0])
 
+    @property
+    def days(self) -> np.ndarray:
+        """When each row was logged, days since the first, (time,)."""
+        return np.asarray(self.time) / DAY
+
     def rows_per(self, days: float) -> int:
         """How many rows make so many days."""
         return max(1, round(days * DAY / self.step))

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ._units import DAY
 from .case import Case
 from .estimate import Estimate, paper_sigma
 from .experiment import Experiment, check_driven, experiment, fit_profile, large_model, scales, whole
@@ -116,7 +115,6 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
         InputError: a reduced model that does not know what a face of the record does.
     """
     window = whole(case)
-    part = slice(window.row, window.row + window.rows)
     inner = 0.0 if case.wall.inside == "left" else case.wall.length
     large = large_model(
         case,
@@ -134,9 +132,9 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
     slopes = np.asarray(_predict(extra, jnp.asarray(scale.fourier(fit.value * factors)), data))
     slopes = slopes * scale.temperature / case.wall.length
     return Reliability(
-        days=np.asarray(case.record.time)[part] / DAY,
+        days=case.record.days[window.part],
         names=tuple(sensor.name for sensor in case.sensors),
-        measured=np.asarray(case.record.sensors)[part],
+        measured=np.asarray(case.record.sensors)[window.part],
         prior=prior + offsets,
         predicted=predicted + offsets,
         sigma=paper_sigma(

@@ -53,14 +53,14 @@ def write(run: Run, out: str | Path, command: str = "", formats: Sequence[str] =
     Raises:
         InputError: the folder cannot be made or written.
     """
-    out = Path(out)
+    out, own = Path(out), _name_of(command)
     with _folder(out) as made:
         names = _fill(run, made, command, formats)
-        names += _keep(out, made, _name_of(command))
+        names += _keep(out, made, own)
         for name in names:
             os.replace(made / name, out / name)
     stale = _written() - set(names)
-    if own := _name_of(command):
+    if own:
         stale |= set(_kept_names(own)) - set(names)
     for name in stale:
         (out / name).unlink(missing_ok=True)
@@ -89,8 +89,11 @@ def _keep(out: Path, made: Path, name: str) -> list[str]:
         (made / names[1]).write_text((out / "result.json").read_text("utf-8"), encoding="utf-8")
         text = linked((out / "report.html").read_text("utf-8"), {"report.html": f"Made later by wallid {name}"})
         (made / names[0]).write_text(text, encoding="utf-8")
-    there = [other for other in COMMANDS if other != name and name and _kept_names(other)[0] in names]
-    there += [other for other in COMMANDS if other not in (name, *there) and (out / _kept_names(other)[0]).exists()]
+    there = [
+        other
+        for other in sorted(COMMANDS, key=lambda other: other != earlier)
+        if other != name and (_kept_names(other)[0] in names or (out / _kept_names(other)[0]).exists())
+    ]
     page = made / "report.html"
     links = {_kept_names(other)[0]: f"Made earlier by wallid {other}" for other in there}
     page.write_text(linked(page.read_text("utf-8"), links), encoding="utf-8")

@@ -143,7 +143,7 @@ class Explanation:
             return "adequate"
         return "confusable" if any(named.alternatives for named in self.effects) else "named"
 
-    @property
+    @cached_property
     def incomplete(self) -> str:
         """Why what was found is not all that is missing, and no name stands; empty where nothing says so."""
         if self.left_after.p_value < LEFT_OVER:

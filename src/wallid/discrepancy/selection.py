@@ -218,7 +218,7 @@ class Selection:
         Where something is left, the effect may be there in another form, or have ended in a minimum of its own: it
         begins again at other places and times.
         """
-        best = fit
+        best, left = fit, locate(fit).p_value < _CLEAN
         self.rivals = []
         for slot in fit.active:
             base = self.without(fit, slot)
@@ -230,7 +230,7 @@ class Selection:
             )
             made = [self.add(ranked, (k,)) for k in dict.fromkeys([*near[:_RIVALS], *far])]
             self.rivals += made
-            if locate(fit).p_value < _CLEAN:
+            if left:
                 made += self._forms(fit, slot, base)
                 made += [self.add(ranked, (k,)) for k in ranked.places(slot)[1 : 1 + _STARTS]]
             for other in made:
