@@ -61,12 +61,18 @@ class Browser:
         if method == "Log.entryAdded" and parameters["entry"]["level"] in ("error", "warning"):
             self.complaints.append(parameters["entry"]["text"])
 
-    def open(self, page, width, dark, height=900):
+    def open(self, page, width, dark):
         """Show a file at a width, in the reader's light or dark setting."""
+        self.resize(width, dark)
+        self.ask("Page.navigate", until="Page.loadEventFired", url=page.as_uri())
+
+    def resize(self, width, dark, height=900):
+        """Show what is shown at another width, or in the other setting."""
         self.ask("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self.ask("Emulation.setEmulatedMedia", features=scheme)
-        self.ask("Page.navigate", until="Page.loadEventFired", url=page.as_uri())
+        # what watches its size is told with the next frame
+        self.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done())))")
 
     def evaluate(self, script):
         """The value of an expression in the page."""

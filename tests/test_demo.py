@@ -87,8 +87,9 @@ def test_a_browser_shows_the_page_on_every_screen_and_on_paper(demo, tmp_path):
     """The page of a run and of a diagnosis at once: no error, nothing fetched, nothing wider than the screen."""
     report = demo[1] / "report.html"
     with browser() as tab:
+        tab.open(report, 400, False)
         for width, dark in product((400, 800, 1400), (False, True)):
-            tab.open(report, width, dark)
+            tab.resize(width, dark)
             assert tab.evaluate("document.querySelectorAll('figure').length") == len(DRAWN)
             assert tab.evaluate("document.documentElement.scrollWidth") <= width
             assert tab.evaluate("[...document.images].every(one => one.complete && one.naturalWidth > 0)")

@@ -210,7 +210,7 @@ def test_the_whole_library_at_its_neutral_values_is_the_plain_model(plain):
     without = Model(study.model.campaign, (), study.model.log_prior, study.sensors, study.model.substeps)
     theta = vector(study, 6e-7)
     theta[1:5] = [0.4, -0.3, 0.2, 0.1]
-    short = jnp.asarray(theta[: study.offsets.stop])
+    short = jnp.asarray(theta[: study.depths.stop])
     elsewhere = theta.copy()
     for slot in study.slots:
         for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True):
@@ -220,6 +220,20 @@ def test_the_whole_library_at_its_neutral_values_is_the_plain_model(plain):
         want = predict(without, short, linear)
         for given_ in (theta, elsewhere):
             assert_allclose(predict(study.model, jnp.asarray(given_), linear), want, rtol=0, atol=1e-12)
+
+
+def test_how_deep_the_faces_sensors_sit_is_free_where_the_case_says_so(plain):
+    study, _ = plain
+    as_effect, as_error = vector(study, 6e-7, [("face_depth", "left", {"depth": 0.004})]), vector(study, 6e-7)
+    as_error[study.depths[0]] = 0.004
+    assert_array_equal(predict(study.model, as_error, True), predict(study.model, as_effect, True))
+    assert not set(study.depths) & set(study.free(()))
+    uncertain = replace(study, record=replace(study.record, face_position_std=0.002))
+    assert set(uncertain.depths) <= set(uncertain.free(()))
+    assert_array_equal(uncertain.prior_width[list(uncertain.depths)], 0.002)
+    effect = slot_of(study, "face_depth", "left")
+    left, right = uncertain.depths
+    assert left not in uncertain.free((effect,)) and right in uncertain.free((effect,))
 
 
 # ------------------------------------------------------------------------------------------------------ the physics

@@ -48,6 +48,7 @@ def _record(case: Case) -> Iterator[tuple[str, str]]:
     yield "file", record.file
     yield "step (s)", number(record.step)
     yield "boundary_noise_std (K)", number(record.boundary_noise_std)
+    yield "face_position_std (m)", number(record.face_position_std)
     if fluxes_of(case):
         yield "flux_noise_std (W/m²)", number(flux_noise_std(case))
         yield "flux_gain_std", number(flux_gain_std(case))

@@ -31,6 +31,7 @@ _WORDS = {
     "eps_2_K": "root mean square of its fit (K)",
     "coefficients_degC": "coefficients of powers of x/L (°C)",
     "positions": "position errors (true place minus stated)",
+    "face_positions": "position errors of the faces' sensors (true place minus stated)",
     "offsets": "sensor offsets (reading minus truth)",
     "interval": "how the interval was found",
     "variance_shares": "share of the variance from",

@@ -68,6 +68,7 @@ def write_toml(where: str, answers: Answers, units: Mapping[str, str], days: flo
         f"{'#':<{_WIDTH}} # air_outdoor, air_indoor (degC), wind (m/s), rain (mm/h), heating",
         *_format_lines(answers.form),
         _line("# boundary_noise_std", 0.1, "K, of the faces' readings; default: the sensors' smallest"),
+        _line("# face_position_std", 0.002, "m, how well the faces' sensors are in their places; default 0"),
         _line("# longest_gap", 3.0, "hours; a face is interpolated across less, the record split at more"),
     ]
     for name, position in (answers.sensors or {}).items():

@@ -105,10 +105,12 @@ class Case:
         if self.sensors:
             sensors += f"; noise {_span([s.noise_std for s in self.sensors])} K"
             sensors += f", position +-{_span([1e3 * s.position_std for s in self.sensors])} mm"
+        faces = self.record.face_position_std
         lines = [
             f"{self.name}{self.description and f': {self.description}'}",
             f"wall      {wall.length:g} m{layers}, outside on the {wall.outside}, "
-            f"prior diffusivity {wall.diffusivity_prior:.3g} m2/s",
+            f"prior diffusivity {wall.diffusivity_prior:.3g} m2/s"
+            + (f"; the faces' sensors +-{1e3 * faces:.3g} mm" if faces else ""),
             f"sensors   {sensors or 'none'}",
             f"record    {self.record.summary()}",
             f"choices   windows of {choices.window_days:g} d, model {choices.model}{order}, {choices.nodes} nodes",
@@ -137,7 +139,7 @@ def load(path_or_name: str | os.PathLike[str]) -> Case:
             source = keys(
                 document["record"],
                 ("file", "time", "left", "right"),
-                ("boundary_noise_std", "flux_noise_std", "flux_gain_std", *REGRESSORS, *_FORMAT),
+                ("boundary_noise_std", "face_position_std", "flux_noise_std", "flux_gain_std", *REGRESSORS, *_FORMAT),
             )
             form = Format(**{key: value for key, value in source.items() if key in _FORMAT})
             plain = {key: value for key, value in source.items() if not key.endswith("_std") and key not in _FORMAT}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -11,6 +12,7 @@ from .bootstrap import bootstrap
 from .case import Case
 from .estimated import Estimate
 from .experiment import Experiment, Window, fit_profile, large_model, scales
+from .free import Names
 from .gauss_newton import Trace
 from .identifiability import identifiability
 from .least_squares import Fit, apart, covariance, simple_sigma
@@ -21,9 +23,12 @@ from .settled import Settled
 from .simulate import Integrator
 from .statespace import StateSpace
 from .structure import film_at, layer_ratios, std_of
+from .wall import SIDES
 
 _FAR = 3.0  # from the prior: the prior is tried as a start as well
 _MOST_MINIMA = 4
+_UNSTEADY = 0.01  # how often chance may call a steady diffusivity unsteady
+_STRAINED = 4.0  # prior standard deviations: an offset or a place hardly ever is that far from what the case states
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +130,14 @@ def conclude(told: Told, settled: Settled, others: list[Settled], draws: int) ->
         sensor, is_offset = case.sensors[s], k < len(names.offsets)
         std = sensor.offset_std if is_offset else sensor.position_std
         (offsets if is_offset else positions)[sensor.name] = (float(std * free[k]), float(std * widths[k]))
+    face_positions = {
+        SIDES[side]: tuple(float(case.record.face_position_std * one) for one in (free[k], widths[k]))
+        for k, side in enumerate(names.depths, start=names.errors - len(names.depths))
+    }
     singular = np.linalg.svd(settled.jacobian, compute_uv=False) if settled.finite else np.array([np.nan])
     bounds = float(settled.problem.lowest), float(settled.problem.highest)
     reason = _why_unreliable(case, value, (ends[0], ends[1]), singular, bool(best.converged), bounds)
-    reason = reason or _why_too_coarse(shift, std_log)
+    reason = reason or _why_too_coarse(shift, std_log) or _why_strained(case, settled) or _why_unsteady(settled)
     covariance = settled.covariance.copy()
     covariance[0, 0] += shift**2
     return told.finished(
@@ -138,6 +147,7 @@ def conclude(told: Told, settled: Settled, others: list[Settled], draws: int) ->
         interval_kind=kind,
         offsets=offsets,
         positions=positions,
+        face_positions=face_positions,
         result="converged" if bool(best.converged) else "stopped at the largest number of iterations",
         reliable=not reason,
         reason=reason,
@@ -174,7 +184,7 @@ def _structure(case: Case, settled: Settled) -> dict[str, Quantity]:
             found[f"layer {i + 1}"] = lognormal(
                 settled.diffusivity * float(ratio), float(along @ spread @ along), settled.quantile, "m2/s"
             )
-    for side, length in zip(("left", "right"), film_at(case, names, z), strict=True):
+    for side, length in zip(SIDES, film_at(case, names, z), strict=True):
         if (name := f"film_{side}") in names:
             place = 1 + names.index(name)
             variance = std_of(name) ** 2 * float(spread[place, place])
@@ -262,6 +272,39 @@ def _why_unreliable(
     if not converged:
         return "the iteration did not converge"
     return ""
+
+
+def _why_strained(case: Case, settled: Settled) -> str:
+    """Why the readings and what the case states of its instruments contradict each other, or an empty string."""
+    names, z = settled.names, np.asarray(settled.minimum.parameters)[1:]
+    errors = [(z[k], word, std, unit) for k, (word, std, unit) in enumerate(_stated(case, names))]
+    pull, word, std, unit = max(errors, key=lambda one: abs(one[0]), default=(0.0, "", 0.0, ""))
+    if abs(pull) <= _STRAINED:
+        return ""
+    return (
+        f"{word} would be {pull * std:+.3g} {unit}, {abs(pull):.2g} times what the case states: the wall is not as it "
+        "is modelled, or less sure than stated; wallid diagnose looks for what is missing"
+    )
+
+
+def _why_unsteady(settled: Settled) -> str:
+    """Why there is no one diffusivity, or an empty string."""
+    if not settled.finite or settled.steadiness >= _UNSTEADY:
+        return ""
+    return (
+        f"the readings ask for another diffusivity at another time of the window (p = {settled.steadiness:.1g}): "
+        "something is missing from the model; wallid diagnose looks for what"
+    )
+
+
+def _stated(case: Case, names: Names) -> Iterator[tuple[str, float, str]]:
+    """Of each offset and place that is free, in their order: what it is, its standard deviation and unit."""
+    for s in names.offsets:
+        yield f"the offset of {case.sensors[s].name}", case.sensors[s].offset_std, "K"
+    for s in names.positions:
+        yield f"the position error of {case.sensors[s].name}", case.sensors[s].position_std, "m"
+    for side in names.depths:
+        yield f"the position error of the {SIDES[side]} face's sensor", case.record.face_position_std, "m"
 
 
 def _why_too_coarse(shift: float, noise_std_log: float) -> str:

@@ -6,7 +6,7 @@ Nothing but the faces is taken from the record, so that sensors can be thought o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import equinox as eqx
 import jax
@@ -32,6 +32,7 @@ class Courses:
         response: to 1 K more at one row of a face, 1.
         waves: the initial profile's modes as they fade, 1, each of them 1 at its start in the middle of its shape.
         faces: in each window, degC.
+        places: m from the left face.
     """
 
     temperature: Float[np.ndarray, "window time place"]
@@ -40,11 +41,12 @@ class Courses:
     response: Float[np.ndarray, "face time place"]
     waves: Float[np.ndarray, "mode time place"]
     faces: Float[np.ndarray, "window time face"]
+    places: Float[np.ndarray, " place"]
 
     def until(self, rows: int) -> Courses:
         """The first so many rows."""
-        cut = {name: getattr(self, name)[:, :rows] for name in (field.name for field in fields(self))}
-        return Courses(**cut)
+        timed = [field.name for field in fields(self) if field.name != "places"]
+        return replace(self, **{name: getattr(self, name)[:, :rows] for name in timed})
 
 
 class Model:
@@ -56,7 +58,7 @@ class Model:
     """
 
     def __init__(self, case: Case, places: Sequence[float], refine: int = 1):
-        self.case, self.refine, self.count = case, refine, len(places)
+        self.case, self.refine, self.places = case, refine, np.asarray(places, dtype=float)
         outputs = [Output(x) for x in places] + [Output(x, "gradient") for x in places]
         self.system = lom(case.wall, outputs, nodes=case.choices.nodes, profile_degree=profile_degree(case)).modal()
         self.scale = scales(case)
@@ -84,7 +86,7 @@ class Model:
             jnp.asarray(scale.dimensionless(faces)),
             jnp.asarray(initial),
         )
-        P, modes = self.count, min(PROFILE_MODES, case.choices.nodes - 2)
+        P, modes = len(self.places), min(PROFILE_MODES, case.choices.nodes - 2)
         rates = np.asarray(self.system.A)[::-1][:modes]
         shapes = np.asarray(self.system.C)[:P, ::-1][:, :modes]
         fade = np.exp(fourier * step * np.outer(rates, np.arange(faces.shape[1])))
@@ -96,6 +98,7 @@ class Model:
             response=np.asarray(response)[:, :, :P],
             waves=fade[:, :, None] * shapes.T[:, None, :],
             faces=faces,
+            places=self.places,
         )
 
 

@@ -27,7 +27,8 @@ class Estimate:
         interval_95: m2/s; `interval_kind` is "normal" (symmetric in ln(alpha)), or "profile likelihood" where the
             cost is no parabola.
         offsets: per sensor with an `offset_std`: name -> (value, std), K. `positions`: per sensor with a
-            `position_std`: name -> (true place minus stated, std), m.
+            `position_std`: name -> (true place minus stated, std), m. `face_positions`: the same of "left" and "right"
+            where there is a `face_position_std`.
         result: "converged", or what stopped the iteration.
         reliable: False where the record gives no number to rely on; `reason` says why.
         iterations: Gauss-Newton steps of the paper's iteration; `evaluations` counts halved tries too. `rounds`: of
@@ -38,7 +39,7 @@ class Estimate:
             variance, 1.
         predicted, residual: degC and K (measured minus predicted; NaN where missing),
             `(time, sensor)`, all that is free included.
-        covariance: of (ln alpha, offsets, positions, profile), those in units of their prior.
+        covariance: of (ln alpha, offsets, positions, faces' places, profile), those in units of their prior.
         singular_values: of the weighted sensitivity, largest first.
         model_shift: relative change of the estimate that a reduced model's error against the large
             model makes; 0 for the large model. It is counted in `std`.
@@ -73,6 +74,7 @@ class Estimate:
     model: str
     window: Window
     positions: dict[str, tuple[float, float]] = field(default_factory=dict)
+    face_positions: dict[str, tuple[float, float]] = field(default_factory=dict)
     interval_kind: Literal["normal", "profile likelihood"] = "normal"
     rounds: int = 0
     noise: str = "the paper's simple sigma"
@@ -111,7 +113,9 @@ class Estimate:
         lines += [f"offset       {name} {value:+.3f} +- {std:.3f} K" for name, (value, std) in self.offsets.items()]
         lines += [
             f"position     {name} {1e3 * value:+.1f} +- {1e3 * std:.1f} mm"
-            for name, (value, std) in self.positions.items()
+            for name, (value, std) in (
+                self.positions | {f"{side} face": one for side, one in self.face_positions.items()}
+            ).items()
         ]
         return "\n".join(lines)
 

@@ -16,7 +16,7 @@ from ._units import DAY
 from .case import Case
 from .lom import Output, lom
 from .statespace import StateSpace
-from .wall import InputError, Scales
+from .wall import SIDES, InputError, Scales
 
 STILL = 1e-6  # K: a face that moves less did not move
 
@@ -271,7 +271,7 @@ def check_driven(model: StateSpace, case: Case, window: Window | None = None) ->
     coefficients = fit_profile(case, window.row).coefficients
     ends = np.array([coefficients[0], coefficients.sum()])
     largest = np.max(np.abs(faces - ends), axis=0)
-    for side, name in enumerate(("left", "right")):
+    for side, name in enumerate(SIDES):
         if not model.driven[side] and largest[side] > STILL:
             raise InputError(
                 f"record: the {name} face moves by up to {largest[side]:.3g} K from the initial profile, and the "

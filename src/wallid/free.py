@@ -1,7 +1,15 @@
 """What is free beside the diffusivity in one window of a case: offsets, position errors, the initial profile.
 
-None of it is noise: each is a constant with a prior, which the case states (`offset_std`, `position_std`) or the
-record's span gives (the initial profile, whose polynomial goes through few readings).
+None of it is noise: each is a constant with a prior, which the case states (`offset_std`, `position_std`,
+`face_position_std`) or the record's span gives (the initial profile, whose polynomial goes through few readings).
+
+The faces' sensors may sit elsewhere, too: one to the right of x = 0 by `d_0`, one to the right of x = L by `d_L`. The
+wall between them is then `L + d_L - d_0` long and an inner sensor sits at `(x - d_0) / (L + d_L - d_0)` of it, so that
+the readings move by
+
+    dT/d(d_0) = -(1 - x/L) dT/dx + (2/L) dT/d(ln alpha),      dT/d(d_L) = -(x/L) dT/dx - (2/L) dT/d(ln alpha)
+
+A flux, which is k over that length, moves by `(2/L) dq/d(ln alpha) + q/L` and its opposite.
 
 Sensors on one logger share some of its noise. Where the faces hardly vary, the share that the inner sensors have in
 common with them looks like heat that comes through at once, an endless diffusivity. What of a face's readings may be
@@ -27,26 +35,28 @@ from .lom import Output
 from .sensitivity import explicit, run
 from .statespace import StateSpace
 from .structure import structure_of, system_at
+from .wall import SIDES
 
 PROFILE_MODES = 8
 FLUX_NOISE_STD = 1.0  # W/m2
 FLUX_GAIN_STD = 0.05  # as ISO 9869-1 expects of a calibrated plate
 _LEAST_SPAN = 1.0  # K, of the temperatures that the initial profile may lie between
 _SMOOTHED = 9  # frequencies
-_TOLD = 0.01
+_TOLD, _MOST_TOLD = 0.01, 0.5  # share of a face's change: what is told of it, at the least and at the most
 _DIFFERENCE = 1e-3  # prior standard deviations: an error of a millionth, far over round-off
 _EDGE = 1e-3  # of the length: a sensor that moves stays that far inside
 
 
 @dataclass(frozen=True)
 class Names:
-    """Which parameters are free, in their order: offsets, positions, common noise, modes.
+    """Which parameters are free, in their order: offsets, positions, the faces' places, common noise, modes.
 
     Arguments:
         offsets, positions: the sensors that have one, by place.
+        depths: the faces whose sensor may sit elsewhere.
         common: the faces, whose noise the inner sensors may share.
         modes: how many.
-        structure: what of the wall itself is free, after the positions (`structure`).
+        structure: what of the wall itself is free, after the faces' places (`structure`).
         fluxes: the faces ("left", "right") with a plate: ln(conductivity) and the plates' gains come last.
     """
 
@@ -56,6 +66,7 @@ class Names:
     modes: int
     fluxes: tuple[str, ...] = ()
     structure: tuple[str, ...] = ()
+    depths: tuple[int, ...] = ()
 
     @property
     def count(self) -> int:
@@ -69,14 +80,14 @@ class Names:
 
     @property
     def constants(self) -> np.ndarray:
-        """Among ln(alpha) and all of these, the constant errors of instruments: offsets, positions, gains."""
+        """Among ln(alpha) and all of these, the constant errors of instruments: offsets, places, gains."""
         place = np.arange(1 + self.count)
         return ((place > 0) & (place <= self.errors)) | (place > self.conductivity + 1)
 
     @property
     def errors(self) -> int:
-        """Of offsets and positions."""
-        return len(self.offsets) + len(self.positions)
+        """Of offsets and places."""
+        return len(self.offsets) + len(self.positions) + len(self.depths)
 
     @property
     def of_structure(self) -> slice:
@@ -100,6 +111,7 @@ def names_of(case: Case, window: Window) -> Names:
         modes=0 if known else min(PROFILE_MODES, case.choices.nodes - 2),
         fluxes=plates,
         structure=structure_of(case),
+        depths=(0, 1) if case.record.face_position_std > 0 else (),
     )
 
 
@@ -134,13 +146,16 @@ def free_at(
     moved, moved_slope = np.zeros((2, rows, channels))
     if names.positions:
         first = len(names.offsets)
-        about = found[first : names.errors]
+        last = first + len(names.positions)
+        about = found[first:last]
         gradient, moved[:, :sensors], moved_slope[:, :sensors], reached = _moved(
             case, data, names, diffusivity, about, structure
         )
-        at[first : names.errors] = reached
+        at[first:last] = reached
         for k, s in enumerate(names.positions, start=first):
             columns[k, :, s] = case.sensors[s].position_std * gradient[:, s]
+    if names.depths:
+        columns[names.errors - 2 : names.errors] = _of_depths(case, data, diffusivity, large)
     faces = np.asarray(case.record.window(window.row, window.rows).faces)
     for k, side in enumerate(names.common, start=names.of_structure.stop):
         columns[k, :, :sensors] = noise_within(faces[:, side], case.record.boundary_noise_std)[:, None]
@@ -162,7 +177,7 @@ def free_at(
 
 def fluxes_of(case: Case) -> tuple[str, ...]:
     """The faces with a flux plate."""
-    return tuple(face for face in ("left", "right") if f"flux_{face}" in case.record.regressors)
+    return tuple(face for face in SIDES if f"flux_{face}" in case.record.regressors)
 
 
 def flux_noise_std(case: Case) -> float:
@@ -214,21 +229,30 @@ def whole_model(case: Case, structure: np.ndarray | None = None) -> StateSpace:
 def told_range(case: Case, window: Window) -> tuple[float, float]:
     """Between which diffusivities a window can tell one from another, m2/s.
 
-    Below the lowest, less than a hundredth of what a face does in the whole window comes as far as the nearest
-    sensor, `erfc(d / (2 sqrt(alpha t))) = 0.01`: what it reads is the initial profile. Above the highest, the wall's
-    delay behind its faces, `L^2 / (8 alpha)`, is less than a hundredth of a row: it reads what they read. With fluxes
-    alone, the wall's memory `L^2 / (pi^2 alpha)` must not be longer than the window: what heat it holds at the start
-    could explain any flux.
+    Below the lowest, of what a face does in the whole window no more than a hundredth, or than a reading's noise, comes
+    as far as the nearest sensor, `erfc(d / (2 sqrt(alpha t))) = max(0.01, noise / range)`: what it reads is the initial
+    profile. Above the highest, the wall's delay behind its faces, `L^2 / (8 alpha)`, is less than a hundredth of a row:
+    it reads what they read. With fluxes alone, the wall's memory `L^2 / (pi^2 alpha)` must not be longer than the
+    window: what heat it holds at the start could explain any flux.
 
     Source: Carslaw and Jaeger, Conduction of Heat in Solids (1959), 2.4 and 3.5.
     """
     length, seconds = case.wall.length, case.record.step * window.rows
     lowest = length**2 / (math.pi**2 * seconds)
     if case.sensors:
-        near = min(min(sensor.position, length - sensor.position) for sensor in case.sensors)
-        lowest = near**2 / (4.0 * float(erfcinv(_TOLD)) ** 2 * seconds)
+        moved = np.maximum(np.ptp(case.record.faces[window.part], axis=0), 1e-300)
+        lowest = min(
+            _slowest(where, seconds, float(np.clip(sensor.noise_std / change, _TOLD, _MOST_TOLD)))
+            for sensor in case.sensors
+            for where, change in zip((sensor.position, length - sensor.position), moved, strict=True)
+        )
     highest = length**2 / (8.0 * _TOLD * case.record.step)
     return max(LOWEST, lowest), min(HIGHEST, highest)
+
+
+def _slowest(depth: float, seconds: float, share: float) -> float:
+    """The diffusivity at which a step at a face has come as far as a depth with this share of it, m2/s."""
+    return depth**2 / (4.0 * float(erfcinv(share)) ** 2 * seconds)
 
 
 def noise_within(readings: np.ndarray, std: float) -> np.ndarray:
@@ -270,6 +294,34 @@ def _moved(
     here, there, slope = slice(0, sensors), slice(sensors, 2 * sensors), slice(2 * sensors, None)
     reached = (places - stated)[list(names.positions)] / std
     return u[:, slope] / length, u[:, there] - u[:, here], theta[:, there] - theta[:, here], reached
+
+
+def depth_columns(slope: np.ndarray, gradient: np.ndarray, x: np.ndarray, length: float) -> np.ndarray:
+    """What 1 m to the right of the sensor of the left and of the right face makes of inner readings, K/m.
+
+    Arguments:
+        slope: dT/d(ln alpha), K. gradient: dT/dx, K/m, at the sensors' places x, m.
+
+    Returns:
+        for both faces, of the readings' shape each.
+    """
+    stretched = 2.0 / length * slope
+    return np.stack([stretched - (1.0 - x / length) * gradient, -stretched - x / length * gradient])
+
+
+def _of_depths(case: Case, data: Experiment, diffusivity: float, large: StateSpace) -> np.ndarray:
+    """What one prior standard deviation to the right of each face's sensor adds to the outputs, K."""
+    length, places = case.wall.length, np.array([sensor.position for sensor in case.sensors])
+    sensors, kelvin, fourier = len(places), float(data.temperature), scales(case).fourier(diffusivity)
+    u, theta = (kelvin * np.asarray(one) for one in explicit(large, jnp.asarray(fourier), data))
+    slope = fourier * theta
+    fluxes = 2.0 / length * slope + u / length
+    columns = np.stack([fluxes, -fluxes])
+    if sensors:
+        model = large_model(case, [Output(x, "gradient") for x in places])
+        gradient = kelvin / length * np.asarray(run(model, jnp.asarray(fourier), data)[0])[:, sensors:]
+        columns[:, :, :sensors] = depth_columns(slope[:, :sensors], gradient, places, length)
+    return case.record.face_position_std * columns
 
 
 def _along(case: Case, data: Experiment, diffusivity: float, structure: np.ndarray, place: int) -> np.ndarray:

@@ -21,10 +21,12 @@ import numpy as np
 
 from .case import Case
 from .settled import Settled
+from .wall import SIDES
 
 COLLINEAR = 10.0
 _LARGEST_SUBSET = 3
 _MOST_PARAMETERS = 20  # subsets of three of more are too many to go through, or to read
+_SAID = 2  # groups that a sentence names
 _NOT_TOLD = 0.9  # of a prior's standard deviation that is left
 
 
@@ -65,8 +67,10 @@ class Identifiability:
         told = [
             f"{self._list(subset)} cannot be told apart by the readings alone "
             f"(collinearity index {_index(self.collinearity[subset])})"
-            for subset in self.confused
+            for subset in self.confused[:_SAID]
         ]
+        if more := len(self.confused[_SAID:]):
+            told.append(f"nor can {more} more group{'s' if more > 1 else ''} of these")
         nothing = [name for name, left in zip(self.names, self.left, strict=True) if left > _NOT_TOLD]
         if nothing:
             told.append(f"of {_and(nothing)} the record tells hardly more than was assumed")
@@ -103,6 +107,7 @@ def identifiability(case: Case, settled: Settled) -> Identifiability:
     words = ["the diffusivity"]
     words += [f"the offset of {case.sensors[s].name}" for s in names.offsets]
     words += [f"the position of {case.sensors[s].name}" for s in names.positions]
+    words += [f"the place of the {SIDES[side]} face's sensor" for side in names.depths]
     words += [_of_wall(name) for name in names.structure]
     if names.fluxes:
         told += range(1 + names.conductivity, 1 + names.count)

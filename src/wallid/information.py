@@ -29,7 +29,7 @@ from ._fields import one_of
 from .case import Case
 from .courses import Courses, held
 from .experiment import Window, fit_profile
-from .free import noise_within, window_span
+from .free import depth_columns, noise_within, window_span
 from .noise import MOST_READINGS
 from .wall import InputError, Sensor
 
@@ -132,7 +132,7 @@ class Seen:
     """One sensor's binned readings in one window: derivatives and noise.
 
     Arguments:
-        shared: by ln(alpha), common noise, modes, K. own: by its offset and its position error, K.
+        shared: by ln(alpha), the faces' places, common noise, modes, K. own: by its offset and its position error, K.
         through, variance: of the faces' noise and its own, where there is a reading. present: those bins.
     """
 
@@ -183,12 +183,14 @@ class Looking:
         courses, rows = self.courses, slice(None, None, self.stride)
         slope = courses.slope[window, rows, place]
         present = np.ones(len(slope)) if present is None else present.astype(float)
-        shared = np.column_stack([slope, *self.common(window), *self.waves(window, place)])
+        gradient = courses.gradient[window, rows, place]
+        moved = self.moved(slope, gradient, place)
+        shared = np.column_stack([slope, *moved, *self.common(window), *self.waves(window, place)])
         own = []
         if sensor.offset_std > 0:
             own.append(np.full(len(slope), sensor.offset_std))
         if sensor.position_std > 0:
-            own.append(sensor.position_std * courses.gradient[window, rows, place])
+            own.append(sensor.position_std * gradient)
         count = self._total(present[:, None])[:, 0]
         there = count > 0
         binned = self.mean(np.column_stack([shared, *own]), present)[there]
@@ -200,6 +202,13 @@ class Looking:
             variance=sensor.noise_std**2 / count[there],
             present=count.tobytes(),
         )
+
+    def moved(self, slope: np.ndarray, gradient: np.ndarray, place: int) -> np.ndarray:
+        """What one standard deviation of the places of the faces' sensors makes of a place's readings, K."""
+        std = self.case.record.face_position_std
+        if std == 0.0:
+            return np.zeros((0, len(slope)))
+        return std * depth_columns(slope, gradient, self.courses.places[place], self.case.wall.length)
 
     def mean(self, values: Float[np.ndarray, "time column"], present: np.ndarray) -> Float[np.ndarray, "bin column"]:
         """Of the rows present in each bin; 0 in an empty one."""

@@ -13,6 +13,7 @@ from ._style import DAYS, FACES, GREY, ORANGE, YELLOW, colour, line, marks
 from ._units import DAY
 from .case import Case
 from .experiment import Window
+from .wall import SIDES
 
 BLACK = "#000000"
 _POINTS = 3000  # of a curve: more than a figure of this width shows
@@ -46,7 +47,7 @@ def record(ax: Axes, case: Case, window: Window | None = None) -> None:
     """The faces and sensors over the whole record, what was filled, masked or broken, and the window chosen."""
     logged, days = case.record, case.record.days
     faces = np.where(logged.broken[:, None], np.nan, logged.faces)
-    for side, (name, tint) in enumerate(zip(("left", "right"), FACES, strict=True)):
+    for side, (name, tint) in enumerate(zip(SIDES, FACES, strict=True)):
         place = "outside" if case.wall.outside == name else "inside"
         ax.plot(*thinned(days, faces[:, side]), color=tint, lw=0.8, label=f"{name} face ({place})")
     for s, sensor in enumerate(case.sensors):

@@ -47,6 +47,8 @@ class Record:
         names: of the sensors.
         regressors: other columns by their keys in `REGRESSORS`, NaN where missing, (time,) each.
         boundary_noise_std: of the faces' readings, K.
+        face_position_std: of the places where the faces' sensors sit, along x, m: one left of 0 by as much as another
+            of the same kind may sit right of it.
         flux_noise_std: of the flux readings, W/m2; None where not stated.
         flux_gain_std: relative standard deviation of the flux sensors' gain; None where not stated.
         file: where it was read from, for messages.
@@ -67,6 +69,7 @@ class Record:
     names: tuple[str, ...]
     regressors: Mapping[str, np.ndarray] = field(default_factory=dict)
     boundary_noise_std: float = 0.1
+    face_position_std: float = 0.0
     flux_noise_std: float | None = None
     flux_gain_std: float | None = None
     file: str = "record"
@@ -75,6 +78,7 @@ class Record:
 
     def __post_init__(self) -> None:
         settle(self, boundary_noise_std=number("boundary_noise_std", self.boundary_noise_std, "K", least=0.0))
+        settle(self, face_position_std=number("face_position_std", self.face_position_std, "m", least=0.0))
         if self.flux_noise_std is not None:
             settle(self, flux_noise_std=number("flux_noise_std", self.flux_noise_std, "W/m2", above=0.0))
         if self.flux_gain_std is not None:

@@ -92,7 +92,12 @@ def _fit(run: Run, fit: Estimate) -> dict[str, Any]:
         "model_shift": fit.model_shift,
         "history": fit.history,
     }
-    for key, errors, unit in (("offsets", fit.offsets, "K"), ("positions", fit.positions, "m")):
+    constants = (
+        ("offsets", fit.offsets, "K"),
+        ("positions", fit.positions, "m"),
+        ("face_positions", fit.face_positions, "m"),
+    )
+    for key, errors, unit in constants:
         found[key] = {name: {"value": value, "std": std, "unit": unit} for name, (value, std) in errors.items()}
     found["interval"] = _interval(fit)
     found |= _told_apart(fit)

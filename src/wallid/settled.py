@@ -18,11 +18,14 @@ from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
+from scipy.special import chdtrc, fdtrc
 
 from .free import Names
 from .interval import Interval, interval_95
 from .likelihood import Minimum, Problem
 from .noise import Noise, NoiseModel
+
+_MODULATIONS = 3  # of the diffusivity in time: half a wave over the window to one and a half
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +105,36 @@ class Settled:
         own, priors = self.inverse[:, :readings] @ self.noise.whiten, self.inverse[:, readings:]
         return own @ self.robust.covariance @ own.T + priors @ priors.T
 
+    @cached_property
+    def steadiness(self) -> float:
+        """How often chance alone makes the readings ask for a diffusivity that varies in time as much as these do.
+
+        The residual along the readings' derivative by ln(alpha), modulated by `cos(pi k t / T)` with k = 1, 2, 3,
+        beside all that is free: a score test, `F` with as many degrees of freedom as the noise was estimated from.
+
+        Source: C. R. Rao, Proc. Camb. Phil. Soc. 44 (1948), 50.
+        """
+        bins = self.shape.count
+        slope = np.asarray(self.minimum.jacobian)[:, 0].reshape(-1, bins)
+        course = np.cos(np.pi * np.outer(np.arange(1, _MODULATIONS + 1), (np.arange(bins) + 0.5) / bins))
+        varied = self.noise.whiten @ (slope * course[:, None]).reshape(_MODULATIONS, -1).T
+        scale = np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300)
+        taken, _ = np.linalg.qr(self.jacobian / scale)
+        varied = np.pad(varied, ((0, self.names.count), (0, 0)))
+        varied = varied - taken @ (taken.T @ varied)
+        readings, z = len(self.noise.whiten), np.asarray(self.minimum.parameters)[1:]
+        score = varied.T @ np.concatenate([self.noise.whiten @ np.asarray(self.minimum.left), -z])
+        own, priors = varied[:readings].T @ self.noise.whiten, varied[readings:]
+        noise = self.noise.covariance * self.widening if self.robust is None else self.robust.covariance
+        spread = own @ noise @ own.T + priors.T @ priors
+        statistic = float(score @ np.linalg.lstsq(spread, score, rcond=1e-9)[0]) / _MODULATIONS
+        freedom = (self.noise if self.robust is None else self.robust).freedom
+        return float(
+            fdtrc(_MODULATIONS, freedom, statistic)
+            if np.isfinite(freedom)
+            else chdtrc(_MODULATIONS, statistic * _MODULATIONS)
+        )
+
     @property
     def log_alpha(self) -> float:
         """ln(alpha/start)."""
@@ -132,7 +165,7 @@ class Settled:
 
     @property
     def of_constants(self) -> np.ndarray:
-        """What one standard deviation of each constant (offsets, positions, gains) makes of ln(alpha)."""
+        """What one standard deviation of each constant (offsets, places, gains) makes of ln(alpha)."""
         readings = len(self.noise.whiten)
         return self.inverse[0, readings:][self.names.constants[1:]]
 
@@ -153,6 +186,7 @@ class Settled:
         faces = float(own @ self.faces_covariance @ own)
         variance = {"sensors' noise": known - faces, "faces' noise": faces}
         groups = {"offsets": len(names.offsets), "positions": len(names.positions)}
+        groups |= {"faces' places": len(names.depths)}
         groups |= {"layers and films": len(names.structure), "common noise": len(names.common)}
         groups |= {"initial profile": names.modes}
         used = 1

@@ -13,7 +13,11 @@ from typing import Any, Literal, no_type_check
 from ._fields import InputError, number, one_of, settle, text
 from ._units import DAY
 
-__all__ = ["InputError", "Layer", "Scales", "Sensor", "Wall"]
+__all__ = ["SIDES", "InputError", "Layer", "Scales", "Sensor", "Side", "Wall"]
+
+Side = Literal["left", "right"]
+SIDES: tuple[Side, Side] = ("left", "right")
+"""Of the two faces, x = 0 first."""
 
 _DIFFUSIVITY = (1e-9, 1e-3)  # m2/s; aerogel to metals lie far inside
 _UNITS_OF_DIFFUSIVITY = "a value in mm2/s is to be multiplied by 1e-6, one in m2/h divided by 3600"
@@ -69,7 +73,7 @@ class Wall:
     diffusivity_prior: float = math.nan
     conductivity: float | None = None
     heat_capacity: float | None = None
-    outside: Literal["left", "right"] = "left"
+    outside: Side = "left"
     layers: tuple[Layer, ...] = ()
 
     def __post_init__(self) -> None:
@@ -77,7 +81,7 @@ class Wall:
         for name, unit in (("conductivity", "W/m/K"), ("heat_capacity", "J/m3/K")):
             if getattr(self, name) is not None:
                 settle(self, **{name: number(name, getattr(self, name), unit, above=0.0)})
-        one_of("outside", self.outside, ("left", "right"))
+        one_of("outside", self.outside, SIDES)
         total = sum(layer.thickness for layer in self.layers)
         if self.layers and abs(total - self.length) > _THICKNESS_TOLERANCE * self.length:
             raise InputError(
@@ -86,7 +90,7 @@ class Wall:
         settle(self, diffusivity_prior=self._prior())
 
     @property
-    def inside(self) -> Literal["left", "right"]:
+    def inside(self) -> Side:
         """The face indoors."""
         return "right" if self.outside == "left" else "left"
 

@@ -1,8 +1,8 @@
 """The wall with the whole library in, as one compiled function of one vector of parameters; readings in bins.
 
 The vector holds ln(diffusivity / prior), amplitudes of the initial profile's sine modes, position errors and offsets
-of the sensors, and then the parameters of every effect of the library. At neutral values the model is the plain one
-exactly, so one compilation serves every combination of effects.
+of the sensors, how deep the faces' sensors sit, and then the parameters of every effect of the library. At neutral
+values the model is the plain one exactly, so one compilation serves every combination of effects.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..effects import AbstractEffect, Campaign, Terms
+from ..effects import SIDES, AbstractEffect, Campaign, Terms
 from ..extended import Base, base_course, face_response, first_order, respond
 from ..free import PROFILE_MODES
 from ..noise import Bins
@@ -73,8 +73,10 @@ class Model(eqx.Module):
         """The wall's terms with every effect at its parameters."""
         first = 1 + PROFILE_MODES
         position, offset = theta[first : first + self.sensors], theta[first + self.sensors : first + 2 * self.sensors]
-        terms = Terms.plain(self.campaign).add(position=position, offset=offset)
         used = first + 2 * self.sensors
+        depth = theta[used : used + len(SIDES)]
+        terms = Terms.plain(self.campaign).add(position=position, offset=offset, depth=depth)
+        used += len(SIDES)
         for effect in self.effects:
             if effect.linear or not linear:
                 values = {p.name: theta[used + i] for i, p in enumerate(effect.parameters)}

@@ -102,6 +102,11 @@ class Study:
         return range(self.positions.stop, self.positions.stop + self.sensors)
 
     @cached_property
+    def depths(self) -> range:
+        """Of the places of the faces' sensors, m inside the wall."""
+        return range(self.offsets.stop, self.offsets.stop + len(SIDES))
+
+    @cached_property
     def prior_width(self) -> np.ndarray:
         """Each parameter's prior width; infinite where there is none."""
         width = np.full(self.size, np.inf)
@@ -110,6 +115,7 @@ class Study:
         for s, sensor in enumerate(self.case.sensors):
             width[self.positions[s]] = sensor.position_std
             width[self.offsets[s]] = sensor.offset_std
+        width[self.depths] = self.record.face_position_std
         return width
 
     @cached_property
@@ -143,17 +149,19 @@ class Study:
 
     def replaced(self, active: tuple[Slot, ...]) -> list[tuple[int, Slot]]:
         """The errors within a sensor's accuracy that an effect stands for without a prior, by index."""
-        kinds = {"sensor_position": self.positions, "sensor_offset": self.offsets}
-        return [
-            (kinds[slot.effect.name][slot.effect.target], slot)
-            for slot in active
-            if slot.effect.name in kinds and isinstance(slot.effect.target, int)
-        ]
+        kinds = {"sensor_position": self.positions, "sensor_offset": self.offsets, "face_depth": self.depths}
+        found = []
+        for slot in active:
+            target = slot.effect.target
+            place = SIDES.index(target) if target in SIDES else target
+            if slot.effect.name in kinds and isinstance(place, int):
+                found.append((kinds[slot.effect.name][place], slot))
+        return found
 
     def free(self, active: tuple[Slot, ...]) -> list[int]:
         """What a fit with these effects moves: an error with a prior only where no effect stands for it."""
         replaced = {error for error, _ in self.replaced(active)}
-        errors = [*self.positions, *self.offsets]
+        errors = [*self.positions, *self.offsets, *self.depths]
         found = [0, *self.profile, *(i for i in errors if self.prior_width[i] > 0 and i not in replaced)]
         return [*found, *(index for slot in active for index in slot.indices)]
 
@@ -217,7 +225,7 @@ def study(case: Case) -> Study:
         present=jnp.asarray(present, dtype=float),
         rows=max(1, int(np.ceil(record.rows * sensors / MOST_READINGS))),
     )
-    slots, first = [], 1 + PROFILE_MODES + 2 * sensors
+    slots, first = [], 1 + PROFILE_MODES + 2 * sensors + len(SIDES)
     for effect in effects:
         slots.append(Slot(effect, first))
         first += len(effect.parameters)

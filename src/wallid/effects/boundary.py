@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._units import DAY
+from ..wall import SIDES, Side
 from .base import AbstractEffect, Parameter, not_below, number
 from .terms import CONSTANT, DERIVATIVE, Campaign, Terms
-
-Side = Literal["left", "right"]
-SIDES: tuple[Side, Side] = ("left", "right")
 
 
 class _OneFace(AbstractEffect):
