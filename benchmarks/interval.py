@@ -24,6 +24,7 @@ from benchmarks.slab import temperatures, weather
 LENGTH, DIFFUSIVITY = 0.4, 7e-7  # m, m2/s
 PLACES = (0.08, 0.2, 0.31)  # m
 STEP, ROWS, BEFORE = 3600.0, 72, 240
+MARGIN = 0.05  # m, of what lies beyond the faces' sensors where these are not in their places
 NORMAL_95 = 1.959963984540054
 MODES = 8
 
@@ -34,7 +35,7 @@ class Errors:
 
     Arguments:
         sensor, face: K, noise of each reading. memory: of the sensors' noise from row to row.
-        position: m. offset: K.
+        position: m. offset: K. face_position: of the faces' sensors, m.
     """
 
     sensor: float
@@ -42,6 +43,7 @@ class Errors:
     memory: float = 0.0
     position: float = 0.0
     offset: float = 0.0
+    face_position: float = 0.0
 
 
 KINDS = {
@@ -49,13 +51,17 @@ KINDS = {
     "propagated": Errors(0.02, 0.1),
     "correlated": Errors(0.05, 0.002, memory=0.9),
     "positions": Errors(0.03, 0.01, position=0.005),
+    "faces": Errors(0.03, 0.01, face_position=0.005),
     "all": Errors(0.05, 0.05, memory=0.7, position=0.005, offset=0.1),
 }
 
 
-def truth(faces: np.ndarray, places: np.ndarray, diffusivity: float = DIFFUSIVITY) -> np.ndarray:
-    """Temperatures in the window, from faces that begin earlier."""
-    return temperatures(faces, STEP, places / LENGTH, diffusivity / LENGTH**2)[-ROWS:]
+def truth(
+    faces: np.ndarray, places: np.ndarray, diffusivity: float = DIFFUSIVITY, ends: tuple[float, float] = (0.0, 0.0)
+) -> np.ndarray:
+    """Temperatures in the window, from faces that begin earlier and are so far to the right of where they should be."""
+    length = LENGTH + ends[1] - ends[0]
+    return temperatures(faces, STEP, (places - ends[0]) / length, diffusivity / length**2)[-ROWS:]
 
 
 def draw(errors: Errors, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -66,8 +72,14 @@ def draw(errors: Errors, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     noise = rng.standard_normal((ROWS + 200, len(PLACES)))
     if errors.memory:
         noise = lfilter([np.sqrt(1 - errors.memory**2)], [1.0, -errors.memory], noise, axis=0)
-    readings = truth(faces, np.array(PLACES) + shift) + offset + errors.sensor * noise[200:]
-    return faces, faces[-ROWS:] + errors.face * rng.standard_normal((ROWS, 2)), readings
+    face_noise = errors.face * rng.standard_normal((ROWS, 2))
+    inside = truth(faces, np.array(PLACES) + shift)
+    if errors.face_position:  # the wall is part of a wider one
+        wide, ends = LENGTH + 2 * MARGIN, np.array([0.0, LENGTH]) + errors.face_position * rng.standard_normal(2)
+        places = (np.concatenate([ends, PLACES + shift]) + MARGIN) / wide
+        drawn = temperatures(faces, STEP, places, DIFFUSIVITY / wide**2)
+        faces, inside = drawn[:, :2], drawn[-ROWS:, 2:]
+    return faces, faces[-ROWS:] + face_noise, inside + offset + errors.sensor * noise[200:]
 
 
 def best_std(errors: Errors, faces: np.ndarray) -> float:
@@ -101,6 +113,11 @@ def best_std(errors: Errors, faces: np.ndarray) -> float:
         h = 1e-5
         gradient = (truth(faces, places + h) - truth(faces, places - h)) / (2 * h)
         nuisance.append(errors.position * each * gradient.T.reshape(-1, 1))
+    if errors.face_position:
+        for end in np.eye(2):
+            h = 1e-5
+            along = (truth(faces, places, ends=tuple(h * end)) - truth(faces, places, ends=tuple(-h * end))) / (2 * h)
+            nuisance.append(errors.face_position * along.T.reshape(-1, 1))
     Z = np.concatenate(nuisance, axis=1)
     R += Z @ Z.T
     h = slope.T.reshape(-1)
@@ -114,7 +131,10 @@ def case_of(errors: Errors, faces: np.ndarray, readings: np.ndarray):
 
     time = STEP * np.arange(ROWS)
     names = tuple(f"T{s}" for s in range(len(PLACES)))
-    record = wallid.Record(time, time, None, faces, readings, names, boundary_noise_std=errors.face, file="benchmark")
+    record = wallid.Record(
+        time, time, None, faces, readings, names,
+        boundary_noise_std=errors.face, face_position_std=errors.face_position, file="benchmark",
+    )  # fmt: skip
     sensors = tuple(
         wallid.Sensor(name, place, noise_std=errors.sensor, position_std=errors.position, offset_std=errors.offset)
         for name, place in zip(names, PLACES, strict=True)

@@ -51,7 +51,7 @@ def test_the_truths_own_series_is_the_analytic_slab():
     assert np.abs(found - want).max() < 6 * (omega * 900) ** 2 / 8
 
 
-@pytest.mark.parametrize("kind", ["propagated", "positions"])
+@pytest.mark.parametrize("kind", ["propagated", "positions", "faces"])
 def test_the_standard_error_is_the_cramer_rao_bound(kind):
     """With noise as stated, against the bound by SciPy with the covariance that the errors are drawn from."""
     case, faces, errors = drawn(kind, 3, **STATED)
@@ -101,34 +101,20 @@ def test_position_errors_are_found_as_constants():
     assert low < interval.DIFFUSIVITY < high
 
 
-def faces_elsewhere(shift, seed, std):
-    """A record whose faces' sensors sit so far to the right of where the case has them: part of a wider wall."""
-    margin, rng = 0.05, np.random.default_rng([seed, 11])
-    wide, faces = interval.LENGTH + 2 * margin, interval.weather(interval.BEFORE + interval.ROWS, interval.STEP, rng)
-
-    def at(x):
-        places, rate = (np.asarray(x) + margin) / wide, interval.DIFFUSIVITY / wide**2
-        return temperatures(faces, interval.STEP, places, rate)[-interval.ROWS :]
-
-    measured = at([shift[0], interval.LENGTH + shift[1]])
-    readings = at(interval.PLACES) + 0.02 * rng.standard_normal((interval.ROWS, len(interval.PLACES)))
-    case = interval.case_of(interval.Errors(0.02, 0.002), measured, readings)
-    return replace(case, record=replace(case.record, face_position_std=std))
-
-
 def test_the_places_of_the_faces_sensors_are_counted():
     """Of 20 intervals that hold the truth with 95 %, 15 do in all but 0.03 % of cases; of fewer hold without."""
-    std, shifts = 0.004, 0.004 * np.random.default_rng(12).standard_normal((20, 2))
-    counted, forgotten = (
-        [estimated(faces_elsewhere(shift, seed, told)).interval_95 for seed, shift in enumerate(shifts)]
-        for told in (std, 0.0)
-    )
-    assert sum(low < interval.DIFFUSIVITY < high for low, high in counted) >= 15
-    assert sum(low < interval.DIFFUSIVITY < high for low, high in forgotten) < 12
-    fit = estimated(faces_elsewhere((0.003, -0.004), 3, std))
+    kind, held = interval.KINDS["faces"], []
+    for seed in range(20):
+        _, measured, readings = interval.draw(kind, seed)
+        stated = [replace(kind, face_position=std) for std in (kind.face_position, 0.0)]
+        ends = [estimated(interval.case_of(errors, measured, readings)).interval_95 for errors in stated]
+        held.append([low < interval.DIFFUSIVITY < high for low, high in ends])
+    counted, forgotten = np.sum(held, axis=0)
+    assert counted >= 15 and forgotten < 12
+    fit = estimated(interval.case_of(kind, measured, readings))
     assert fit.shares["faces' places"] > 0.1
-    for (value, spread), true in zip(fit.face_positions.values(), (0.003, -0.004), strict=True):
-        assert abs(value - true) < 4 * spread and spread < 1.2 * std
+    assert all(abs(value) < 4 * kind.face_position and std < 1.2 * kind.face_position
+               for value, std in fit.face_positions.values())  # fmt: skip
     assert "position     left face" in str(fit)
     assert any("left face's sensor" in name for name in fit.identifiability.names)
 
