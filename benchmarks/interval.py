@@ -24,7 +24,6 @@ from benchmarks.slab import temperatures, weather
 LENGTH, DIFFUSIVITY = 0.4, 7e-7  # m, m2/s
 PLACES = (0.08, 0.2, 0.31)  # m
 STEP, ROWS, BEFORE = 3600.0, 72, 240
-MARGIN = 0.05  # m, of what lies beyond the faces' sensors where these are not in their places
 NORMAL_95 = 1.959963984540054
 MODES = 8
 
@@ -73,12 +72,8 @@ def draw(errors: Errors, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     if errors.memory:
         noise = lfilter([np.sqrt(1 - errors.memory**2)], [1.0, -errors.memory], noise, axis=0)
     face_noise = errors.face * rng.standard_normal((ROWS, 2))
-    inside = truth(faces, np.array(PLACES) + shift)
-    if errors.face_position:  # the wall is part of a wider one
-        wide, ends = LENGTH + 2 * MARGIN, np.array([0.0, LENGTH]) + errors.face_position * rng.standard_normal(2)
-        places = (np.concatenate([ends, PLACES + shift]) + MARGIN) / wide
-        drawn = temperatures(faces, STEP, places, DIFFUSIVITY / wide**2)
-        faces, inside = drawn[:, :2], drawn[-ROWS:, 2:]
+    ends = errors.face_position * rng.standard_normal(2)
+    inside = truth(faces, np.array(PLACES) + shift, ends=(ends[0], ends[1]))
     return faces, faces[-ROWS:] + face_noise, inside + offset + errors.sensor * noise[200:]
 
 

@@ -17,8 +17,8 @@ import wallid
 from wallid import plot
 from wallid.case import Choices
 from wallid.cli import app
-from wallid.free import told_range
 from wallid.iso9869 import average_method
+from wallid.reliance import told_range
 
 LENGTH, CONDUCTIVITY, CAPACITY = 0.3, 0.75, 1.5e6
 R, C = LENGTH / CONDUCTIVITY, LENGTH * CAPACITY

@@ -20,9 +20,10 @@ import wallid
 from wallid import conclude
 from wallid.cli import app
 from wallid.experiment import experiment, profile_degree, scales
-from wallid.free import _of_depths, noise_within, told_range
+from wallid.free import _of_depths, noise_within
 from wallid.lom import Output, lom
 from wallid.noise import NoiseModel, bins_of, thinned
+from wallid.reliance import told_range
 from wallid.sensitivity import run
 from wallid.whittle import dct_spectrum, edge_spectrum
 
@@ -185,7 +186,7 @@ def test_a_diffusivity_that_changes_in_the_window_is_not_relied_on(later):
 
 def test_a_steady_diffusivity_is_called_unsteady_as_often_as_chance_says(monkeypatch):
     seen = []
-    monkeypatch.setattr(conclude, "_why_unsteady", lambda settled: seen.append(settled.steadiness) or "")
+    monkeypatch.setattr(conclude, "why_unsteady", lambda settled: seen.append(settled.steadiness) or "")
     for kind in ("propagated", "correlated"):
         interval.many(kind, range(600, 630))
     assert len(seen) == 60

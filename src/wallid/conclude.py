@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -12,12 +11,12 @@ from .bootstrap import bootstrap
 from .case import Case
 from .estimated import Estimate
 from .experiment import Experiment, Window, fit_profile, large_model, scales
-from .free import Names
 from .gauss_newton import Trace
 from .identifiability import identifiability
 from .least_squares import Fit, apart, covariance, simple_sigma
 from .likelihood import HIGHEST, LOWEST
 from .quantity import NORMAL_95, Quantity, lognormal
+from .reliance import why_strained, why_too_coarse, why_unreliable, why_unsteady
 from .settle import settle
 from .settled import Settled
 from .simulate import Integrator
@@ -27,8 +26,6 @@ from .wall import SIDES
 
 _FAR = 3.0  # from the prior: the prior is tried as a start as well
 _MOST_MINIMA = 4
-_UNSTEADY = 0.01  # how often chance may call a steady diffusivity unsteady
-_STRAINED = 4.0  # prior standard deviations: an offset or a place hardly ever is that far from what the case states
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,8 +133,8 @@ def conclude(told: Told, settled: Settled, others: list[Settled], draws: int) ->
     }
     singular = np.linalg.svd(settled.jacobian, compute_uv=False) if settled.finite else np.array([np.nan])
     bounds = float(settled.problem.lowest), float(settled.problem.highest)
-    reason = _why_unreliable(case, value, (ends[0], ends[1]), singular, bool(best.converged), bounds)
-    reason = reason or _why_too_coarse(shift, std_log) or _why_strained(case, settled) or _why_unsteady(settled)
+    reason = why_unreliable(case, value, (ends[0], ends[1]), singular, bool(best.converged), bounds)
+    reason = reason or why_too_coarse(shift, std_log) or why_strained(case, settled) or why_unsteady(settled)
     covariance = settled.covariance.copy()
     covariance[0, 0] += shift**2
     return told.finished(
@@ -222,8 +219,8 @@ def simple(told: Told) -> Estimate:
     interval = (value * float(np.exp(-half)), value * float(np.exp(half)))
     offset_std = np.asarray(data.offset_std)[list(data.offsets)]
     names = [case.sensors[s].name for s in data.offsets]
-    reason = _why_unreliable(case, value, interval, singular, bool(fit.converged))
-    reason = reason or _why_too_coarse(shift, noise_std_log)
+    reason = why_unreliable(case, value, interval, singular, bool(fit.converged))
+    reason = reason or why_too_coarse(shift, noise_std_log)
     return told.finished(
         value=value,
         std=value * std_log,
@@ -242,76 +239,4 @@ def simple(told: Told) -> Estimate:
         covariance=spread,
         singular_values=singular,
         model_shift=shift,
-    )
-
-
-def _why_unreliable(
-    case: Case,
-    value: float,
-    interval: tuple[float, float],
-    singular: np.ndarray,
-    converged: bool,
-    bounds: tuple[float, float] = (LOWEST, HIGHEST),
-) -> str:
-    """Why the estimate is no number to rely on, or an empty string."""
-    if not np.isfinite(value) or not np.all(np.isfinite(singular)):
-        return "the model gave values that are not finite"
-    if not bounds[0] * 1.001 < value < bounds[1] / 1.001:
-        return f"the estimate ran to the bound of its search, {value:.3g} m2/s: the record does not hold it"
-    if interval[0] <= bounds[0] * 1.001 or interval[1] >= bounds[1] / 1.001:
-        return (
-            f"its 95 % interval, {interval[0]:.3g} to {interval[1]:.3g} m2/s, reaches the bound of what this window "
-            "can tell: the temperatures vary too little for their noise"
-        )
-    factor = interval[1] / interval[0]
-    if factor > case.choices.largest_interval_factor:
-        return (
-            f"its 95 % interval spans a factor of {factor:.3g}, more than {case.choices.largest_interval_factor:g}: "
-            "the temperatures vary too little for their noise"
-        )
-    if not converged:
-        return "the iteration did not converge"
-    return ""
-
-
-def _why_strained(case: Case, settled: Settled) -> str:
-    """Why the readings and what the case states of its instruments contradict each other, or an empty string."""
-    names, z = settled.names, np.asarray(settled.minimum.parameters)[1:]
-    errors = [(z[k], word, std, unit) for k, (word, std, unit) in enumerate(_stated(case, names))]
-    pull, word, std, unit = max(errors, key=lambda one: abs(one[0]), default=(0.0, "", 0.0, ""))
-    if abs(pull) <= _STRAINED:
-        return ""
-    return (
-        f"{word} would be {pull * std:+.3g} {unit}, {abs(pull):.2g} times what the case states: the wall is not as it "
-        "is modelled, or less sure than stated; wallid diagnose looks for what is missing"
-    )
-
-
-def _why_unsteady(settled: Settled) -> str:
-    """Why there is no one diffusivity, or an empty string."""
-    if not settled.finite or settled.steadiness >= _UNSTEADY:
-        return ""
-    return (
-        f"the readings ask for another diffusivity at another time of the window (p = {settled.steadiness:.1g}): "
-        "something is missing from the model; wallid diagnose looks for what"
-    )
-
-
-def _stated(case: Case, names: Names) -> Iterator[tuple[str, float, str]]:
-    """Of each offset and place that is free, in their order: what it is, its standard deviation and unit."""
-    for s in names.offsets:
-        yield f"the offset of {case.sensors[s].name}", case.sensors[s].offset_std, "K"
-    for s in names.positions:
-        yield f"the position error of {case.sensors[s].name}", case.sensors[s].position_std, "m"
-    for side in names.depths:
-        yield f"the position error of the {SIDES[side]} face's sensor", case.record.face_position_std, "m"
-
-
-def _why_too_coarse(shift: float, noise_std_log: float) -> str:
-    """Why a reduced model cannot be relied on here, or an empty string."""
-    if abs(shift) <= noise_std_log:
-        return ""
-    return (
-        f"the reduced model's own error moves the estimate by {shift:+.1%}, more than the noise does; take a "
-        'higher order, learning_diffusivities around the estimate, or model = "lom"'
     )

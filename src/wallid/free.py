@@ -26,11 +26,10 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.fft import dct, idct
 from scipy.ndimage import uniform_filter1d
-from scipy.special import erfcinv
 
 from .case import Case
 from .experiment import Experiment, Window, fit_profile, large_model, scales
-from .likelihood import HIGHEST, LOWEST, Free
+from .likelihood import Free
 from .lom import Output
 from .sensitivity import explicit, run
 from .statespace import StateSpace
@@ -42,7 +41,7 @@ FLUX_NOISE_STD = 1.0  # W/m2
 FLUX_GAIN_STD = 0.05  # as ISO 9869-1 expects of a calibrated plate
 _LEAST_SPAN = 1.0  # K, of the temperatures that the initial profile may lie between
 _SMOOTHED = 9  # frequencies
-_TOLD, _MOST_TOLD = 0.01, 0.5  # share of a face's change: what is told of it, at the least and at the most
+_FADED = 0.01  # of a wave of the initial profile that is gone
 _DIFFERENCE = 1e-3  # prior standard deviations: an error of a millionth, far over round-off
 _EDGE = 1e-3  # of the length: a sensor that moves stays that far inside
 
@@ -203,7 +202,7 @@ def with_flux(case: Case, window: Window, data: Experiment) -> Experiment:
         return data
     part = case.record.window(window.row, window.rows)
     flux = np.stack([part.regressors[f"flux_{face}"] for face in plates], axis=1)
-    fade = math.log(1.0 / _TOLD) * case.wall.length**2 / ((PROFILE_MODES + 1) * math.pi) ** 2
+    fade = math.log(1.0 / _FADED) * case.wall.length**2 / ((PROFILE_MODES + 1) * math.pi) ** 2
     first = int(np.clip(np.ceil(fade / case.wall.diffusivity_prior / part.step), 1, window.rows // 10))
     there = np.isfinite(flux) & (np.arange(window.rows) >= first)[:, None]
     observed = np.concatenate([np.asarray(data.observed), np.where(there, flux, 0.0)], axis=1)
@@ -224,35 +223,6 @@ def whole_model(case: Case, structure: np.ndarray | None = None) -> StateSpace:
         return large_model(case, plates)
     sensors = [Output(sensor.position, name=sensor.name) for sensor in case.sensors]
     return system_at(case, names, np.zeros(len(names)) if structure is None else structure, [*sensors, *plates])
-
-
-def told_range(case: Case, window: Window) -> tuple[float, float]:
-    """Between which diffusivities a window can tell one from another, m2/s.
-
-    Below the lowest, of what a face does in the whole window no more than a hundredth, or than a reading's noise, comes
-    as far as the nearest sensor, `erfc(d / (2 sqrt(alpha t))) = max(0.01, noise / range)`: what it reads is the initial
-    profile. Above the highest, the wall's delay behind its faces, `L^2 / (8 alpha)`, is less than a hundredth of a row:
-    it reads what they read. With fluxes alone, the wall's memory `L^2 / (pi^2 alpha)` must not be longer than the
-    window: what heat it holds at the start could explain any flux.
-
-    Source: Carslaw and Jaeger, Conduction of Heat in Solids (1959), 2.4 and 3.5.
-    """
-    length, seconds = case.wall.length, case.record.step * window.rows
-    lowest = length**2 / (math.pi**2 * seconds)
-    if case.sensors:
-        moved = np.maximum(np.ptp(case.record.faces[window.part], axis=0), 1e-300)
-        lowest = min(
-            _slowest(where, seconds, float(np.clip(sensor.noise_std / change, _TOLD, _MOST_TOLD)))
-            for sensor in case.sensors
-            for where, change in zip((sensor.position, length - sensor.position), moved, strict=True)
-        )
-    highest = length**2 / (8.0 * _TOLD * case.record.step)
-    return max(LOWEST, lowest), min(HIGHEST, highest)
-
-
-def _slowest(depth: float, seconds: float, share: float) -> float:
-    """The diffusivity at which a step at a face has come as far as a depth with this share of it, m2/s."""
-    return depth**2 / (4.0 * float(erfcinv(share)) ** 2 * seconds)
 
 
 def noise_within(readings: np.ndarray, std: float) -> np.ndarray:

@@ -16,9 +16,10 @@ import numpy as np
 from .case import Case
 from .experiment import Experiment, Window, scales
 from .filled import filled_gaps
-from .free import Names, flux_noise_std, fluxes_of, free_at, names_of, told_range, whole_model, with_flux
+from .free import Names, flux_noise_std, fluxes_of, free_at, names_of, whole_model, with_flux
 from .likelihood import Problem, face_response, minimise
 from .noise import Bins, Noise, NoiseModel, bins_of, thinned
+from .reliance import told_range
 from .settled import Settled
 from .simulate import Integrator
 from .statespace import StateSpace
