@@ -8,6 +8,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+from benchmarks.cases import saint_julien_case
 from browser import CHROMIUM, browser
 from pages import check, drawings
 from results import DIAGNOSIS, FIGURES, SCHEMA
@@ -107,6 +108,15 @@ def test_a_browser_shows_the_page_on_every_screen_and_on_paper(demo, tmp_path):
             assert set(tab.evaluate(INK)) <= kept, "letters on a ground of their own alone may be dark"
         assert not tab.complaints
         assert all(one.startswith(("file:", "data:")) for one in tab.requests)
+
+
+def test_the_twin_without_its_sun_is_adequate():
+    """The issue's other half: nothing is named where nothing is missing."""
+    case = wallid.load("saint_julien")
+    found = wallid.explain(saint_julien_case(case, 2009, sun=0.0))
+    assert found.verdict == "adequate", str(found)
+    assert found.after.diffusivity == pytest.approx(1.06e-6, rel=0.015)
+    assert found.interval_95[0] < 1.06e-6 < found.interval_95[1]
 
 
 def test_demo_reads_nothing_but_its_case(demo):
