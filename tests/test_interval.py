@@ -19,8 +19,9 @@ from typer.testing import CliRunner
 import wallid
 from wallid import conclude
 from wallid.cli import app
+from wallid.displaced import faces_elsewhere
 from wallid.experiment import experiment, profile_degree, scales
-from wallid.free import _of_depths, noise_within
+from wallid.free import noise_within
 from wallid.lom import Output, lom
 from wallid.noise import NoiseModel, bins_of, thinned
 from wallid.reliance import told_range
@@ -137,7 +138,7 @@ def test_what_a_faces_place_does_to_the_readings():
         )
         return found.at[:, -1].multiply(length / wall.length)  # k over the length
 
-    found = _of_depths(case, data, alpha, lom(case.wall, outputs, nodes=61, profile_degree=profile_degree(case)))
+    found = faces_elsewhere(case, data, alpha, lom(case.wall, outputs, nodes=61, profile_degree=profile_degree(case)))
     for face in (0, 1):
         ends = [run_between(*(np.arange(2) == face) * one) for one in (step, -step)]
         want = std * (ends[0] - ends[1]) / (2 * step)

@@ -129,7 +129,7 @@ def conclude(told: Told, settled: Settled, others: list[Settled], draws: int) ->
         (offsets if is_offset else positions)[sensor.name] = (float(std * free[k]), float(std * widths[k]))
     face_positions = {
         SIDES[side]: tuple(float(case.record.face_position_std * one) for one in (free[k], widths[k]))
-        for k, side in enumerate(names.depths, start=names.errors - len(names.depths))
+        for k, side in enumerate(names.depths, start=names.of_depths.start)
     }
     singular = np.linalg.svd(settled.jacobian, compute_uv=False) if settled.finite else np.array([np.nan])
     bounds = float(settled.problem.lowest), float(settled.problem.highest)

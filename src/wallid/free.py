@@ -3,14 +3,6 @@
 None of it is noise: each is a constant with a prior, which the case states (`offset_std`, `position_std`,
 `face_position_std`) or the record's span gives (the initial profile, whose polynomial goes through few readings).
 
-The faces' sensors may sit elsewhere, too: one to the right of x = 0 by `d_0`, one to the right of x = L by `d_L`. The
-wall between them is then `L + d_L - d_0` long and an inner sensor sits at `(x - d_0) / (L + d_L - d_0)` of it, so that
-the readings move by
-
-    dT/d(d_0) = -(1 - x/L) dT/dx + (2/L) dT/d(ln alpha),      dT/d(d_L) = -(x/L) dT/dx - (2/L) dT/d(ln alpha)
-
-A flux, which is k over that length, moves by `(2/L) dq/d(ln alpha) + q/L` and its opposite.
-
 Sensors on one logger share some of its noise. Where the faces hardly vary, the share that the inner sensors have in
 common with them looks like heat that comes through at once, an endless diffusivity. What of a face's readings may be
 noise (a Wiener filter by the noise as stated) is therefore let into the inner readings, with a free share.
@@ -28,10 +20,11 @@ from scipy.fft import dct, idct
 from scipy.ndimage import uniform_filter1d
 
 from .case import Case
+from .displaced import faces_elsewhere, sensors_elsewhere
 from .experiment import Experiment, Window, fit_profile, large_model, scales
 from .likelihood import Free
 from .lom import Output
-from .sensitivity import explicit, run
+from .sensitivity import run
 from .statespace import StateSpace
 from .structure import structure_of, system_at
 from .wall import SIDES
@@ -43,7 +36,6 @@ _LEAST_SPAN = 1.0  # K, of the temperatures that the initial profile may lie bet
 _SMOOTHED = 9  # frequencies
 _FADED = 0.01  # of a wave of the initial profile that is gone
 _DIFFERENCE = 1e-3  # prior standard deviations: an error of a millionth, far over round-off
-_EDGE = 1e-3  # of the length: a sensor that moves stays that far inside
 
 
 @dataclass(frozen=True)
@@ -89,8 +81,18 @@ class Names:
         return len(self.offsets) + len(self.positions) + len(self.depths)
 
     @property
+    def of_positions(self) -> slice:
+        """The sensors' places among all that is free."""
+        return slice(len(self.offsets), len(self.offsets) + len(self.positions))
+
+    @property
+    def of_depths(self) -> slice:
+        """Those of the faces' sensors."""
+        return slice(self.of_positions.stop, self.errors)
+
+    @property
     def of_structure(self) -> slice:
-        """Their places among all that is free."""
+        """The parameters of the wall itself among all that is free."""
         return slice(self.errors, self.errors + len(self.structure))
 
     @property
@@ -133,33 +135,8 @@ def free_at(
         large: the case's large model with all outputs, at the structure found so far.
         conductivity: W/m/K, about which that of a case with a flux is looked for.
     """
-    rows, channels = data.observed.shape
-    sensors = channels - len(names.fluxes)
-    columns, at = np.zeros((names.linear, rows, channels)), np.zeros(names.linear)
-    structure = found[names.of_structure]
-    at[names.of_structure] = structure
-    for k in range(len(structure)):
-        columns[names.errors + k] = _along(case, data, diffusivity, structure, k)
-    for k, s in enumerate(names.offsets):
-        columns[k, :, s] = case.sensors[s].offset_std
-    moved, moved_slope = np.zeros((2, rows, channels))
-    if names.positions:
-        first = len(names.offsets)
-        last = first + len(names.positions)
-        about = found[first:last]
-        gradient, moved[:, :sensors], moved_slope[:, :sensors], reached = _moved(
-            case, data, names, diffusivity, about, structure
-        )
-        at[first:last] = reached
-        for k, s in enumerate(names.positions, start=first):
-            columns[k, :, s] = case.sensors[s].position_std * gradient[:, s]
-    if names.depths:
-        columns[names.errors - 2 : names.errors] = _of_depths(case, data, diffusivity, large)
-    faces = np.asarray(case.record.window(window.row, window.rows).faces)
-    for k, side in enumerate(names.common, start=names.of_structure.stop):
-        columns[k, :, :sensors] = noise_within(faces[:, side], case.record.boundary_noise_std)[:, None]
+    columns, at, moved, moved_slope = _columns(case, window, data, names, diffusivity, found, large)
     modes = names.modes
-    part = window_span(case, window)
     return Free(
         columns=columns,
         at=at,
@@ -168,10 +145,44 @@ def free_at(
         log_alpha=math.log(diffusivity / start),
         rates=np.asarray(large.A)[::-1][:modes],
         shapes=np.asarray(large.C)[:, ::-1][:, :modes],
-        mode_std=part / np.arange(1, modes + 1),
+        mode_std=window_span(case, window) / np.arange(1, modes + 1),
         flux=np.full(len(names.fluxes), conductivity / case.wall.length * float(data.temperature)),
         gain_std=np.full(len(names.fluxes), flux_gain_std(case)),
     )
+
+
+def _columns(
+    case: Case,
+    window: Window,
+    data: Experiment,
+    names: Names,
+    diffusivity: float,
+    found: np.ndarray,
+    large: StateSpace,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """All that is linear: columns, where they are, what that adds and its slope, as `Free` has them."""
+    rows, channels = data.observed.shape
+    sensors = channels - len(names.fluxes)
+    columns, at = np.zeros((names.linear, rows, channels)), np.zeros(names.linear)
+    moved, moved_slope = np.zeros((2, rows, channels))
+    structure = at[names.of_structure] = found[names.of_structure]
+    for k, s in enumerate(names.offsets):
+        columns[k, :, s] = case.sensors[s].offset_std
+    if names.positions:
+        places = names.of_positions
+        gradient, moved[:, :sensors], moved_slope[:, :sensors], at[places] = sensors_elsewhere(
+            case, data, names.positions, diffusivity, found[places], structure
+        )
+        for k, s in enumerate(names.positions, start=places.start):
+            columns[k, :, s] = case.sensors[s].position_std * gradient[:, s]
+    if names.depths:
+        columns[names.of_depths] = faces_elsewhere(case, data, diffusivity, large)
+    for k in range(len(structure)):
+        columns[names.errors + k] = _along(case, data, diffusivity, structure, k)
+    faces = np.asarray(case.record.window(window.row, window.rows).faces)
+    for k, side in enumerate(names.common, start=names.of_structure.stop):
+        columns[k, :, :sensors] = noise_within(faces[:, side], case.record.boundary_noise_std)[:, None]
+    return columns, at, moved, moved_slope
 
 
 def fluxes_of(case: Case) -> tuple[str, ...]:
@@ -241,57 +252,6 @@ def window_span(case: Case, window: Window) -> float:
     part = case.record.window(window.row, window.rows)
     readings = np.concatenate([part.faces.ravel(), part.sensors.ravel()])
     return max(_LEAST_SPAN, float(np.nanmax(readings) - np.nanmin(readings)))
-
-
-def _moved(
-    case: Case, data: Experiment, names: Names, diffusivity: float, at: np.ndarray, structure: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Gradient where the sensors are thought to be, K/m; what being there adds, K; its slope by ln(alpha); and `at`.
-
-    All by the large model, as a reduced one knows only the places that it learned.
-    """
-    length, stated = case.wall.length, np.array([sensor.position for sensor in case.sensors])
-    std = np.array([case.sensors[s].position_std for s in names.positions])
-    places = stated.copy()
-    places[list(names.positions)] += std * at
-    places = np.clip(places, _EDGE * length, (1 - _EDGE) * length)
-    outputs = [Output(x) for x in (*stated, *places)] + [Output(x, "gradient") for x in places]
-    system = system_at(case, names.structure, structure, outputs)
-    fourier = scales(case).fourier(diffusivity)
-    u, theta = explicit(system, jnp.asarray(fourier), data)
-    kelvin, sensors = float(data.temperature), len(stated)
-    u, theta = kelvin * np.asarray(u), kelvin * fourier * np.asarray(theta)
-    here, there, slope = slice(0, sensors), slice(sensors, 2 * sensors), slice(2 * sensors, None)
-    reached = (places - stated)[list(names.positions)] / std
-    return u[:, slope] / length, u[:, there] - u[:, here], theta[:, there] - theta[:, here], reached
-
-
-def depth_columns(slope: np.ndarray, gradient: np.ndarray, x: np.ndarray, length: float) -> np.ndarray:
-    """What 1 m to the right of the sensor of the left and of the right face makes of inner readings, K/m.
-
-    Arguments:
-        slope: dT/d(ln alpha), K. gradient: dT/dx, K/m, at the sensors' places x, m.
-
-    Returns:
-        for both faces, of the readings' shape each.
-    """
-    stretched = 2.0 / length * slope
-    return np.stack([stretched - (1.0 - x / length) * gradient, -stretched - x / length * gradient])
-
-
-def _of_depths(case: Case, data: Experiment, diffusivity: float, large: StateSpace) -> np.ndarray:
-    """What one prior standard deviation to the right of each face's sensor adds to the outputs, K."""
-    length, places = case.wall.length, np.array([sensor.position for sensor in case.sensors])
-    sensors, kelvin, fourier = len(places), float(data.temperature), scales(case).fourier(diffusivity)
-    u, theta = (kelvin * np.asarray(one) for one in explicit(large, jnp.asarray(fourier), data))
-    slope = fourier * theta
-    fluxes = 2.0 / length * slope + u / length
-    columns = np.stack([fluxes, -fluxes])
-    if sensors:
-        model = large_model(case, [Output(x, "gradient") for x in places])
-        gradient = kelvin / length * np.asarray(run(model, jnp.asarray(fourier), data)[0])[:, sensors:]
-        columns[:, :, :sensors] = depth_columns(slope[:, :sensors], gradient, places, length)
-    return case.record.face_position_std * columns
 
 
 def _along(case: Case, data: Experiment, diffusivity: float, structure: np.ndarray, place: int) -> np.ndarray:

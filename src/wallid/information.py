@@ -28,8 +28,9 @@ from scipy.linalg import solve_triangular, toeplitz
 from ._fields import one_of
 from .case import Case
 from .courses import Courses, held
+from .displaced import depth_columns
 from .experiment import Window, fit_profile
-from .free import depth_columns, noise_within, window_span
+from .free import noise_within, window_span
 from .noise import MOST_READINGS
 from .wall import InputError, Sensor
 
