@@ -19,9 +19,12 @@ import numpy as np
 
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 
+import jax
+
 from .mutilations import ENCODINGS, LINES, RECORD_KEYS, mutilate
 
 ROWS = 120
+_KEPT = 100  # files, whose compiled programs are kept
 _CASE = """
 [wall]
 length = 0.3
@@ -153,6 +156,8 @@ def main() -> None:
     for seed in range(asked.first, asked.first + asked.files):
         if time.perf_counter() - began > asked.seconds:
             break
+        if seed % _KEPT == 0:  # a thousand records' programs would not fit one process
+            jax.clear_caches()
         content, extra, words = draw(seed)
         with tempfile.TemporaryDirectory() as folder:
             write_case(Path(folder), content, extra)
