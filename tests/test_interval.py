@@ -138,7 +138,8 @@ def test_what_a_faces_place_does_to_the_readings():
         )
         return found.at[:, -1].multiply(length / wall.length)  # k over the length
 
-    found = faces_elsewhere(case, data, alpha, lom(case.wall, outputs, nodes=61, profile_degree=profile_degree(case)))
+    seen = [*outputs, *(Output(sensor.position, "gradient") for sensor in case.sensors)]
+    found = faces_elsewhere(case, data, alpha, lom(case.wall, seen, nodes=61, profile_degree=profile_degree(case)))
     for face in (0, 1):
         ends = [run_between(*(np.arange(2) == face) * one) for one in (step, -step)]
         want = std * (ends[0] - ends[1]) / (2 * step)

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 from scipy.special import erfcinv
 
 from .case import Case
 from .experiment import Window
-from .free import Names
+from .free import constants_of
 from .likelihood import HIGHEST, LOWEST
 from .settled import Settled
-from .wall import SIDES
 
 _TOLD, _MOST_TOLD = 0.01, 0.5  # share of a face's change: what is told of it, at the least and at the most
 _STRAINED = 4.0  # prior standard deviations: an offset or a place hardly ever is that far from what the case states
@@ -78,16 +76,28 @@ def why_unreliable(
     return ""
 
 
-def why_strained(case: Case, settled: Settled) -> str:
-    """Why the readings and what the case states of its instruments contradict each other, or an empty string."""
-    names, z = settled.names, np.asarray(settled.minimum.parameters)[1:]
-    errors = [(z[k], word, std, unit) for k, (word, std, unit) in enumerate(_stated(case, names))]
-    pull, word, std, unit = max(errors, key=lambda one: abs(one[0]), default=(0.0, "", 0.0, ""))
-    if abs(pull) <= _STRAINED:
+def why_too_coarse(shift: float, noise_std_log: float) -> str:
+    """Why a reduced model cannot be relied on here, or an empty string."""
+    if abs(shift) <= noise_std_log:
         return ""
     return (
-        f"{word} would be {pull * std:+.3g} {unit}, {abs(pull):.2g} times what the case states: the wall is not as it "
-        "is modelled, or less sure than stated; wallid diagnose looks for what is missing"
+        f"the reduced model's own error moves the estimate by {shift:+.1%}, more than the noise does; take a "
+        'higher order, learning_diffusivities around the estimate, or model = "lom"'
+    )
+
+
+def why_strained(case: Case, settled: Settled) -> str:
+    """Why the readings and what the case states of its instruments contradict each other, or an empty string."""
+    constants = constants_of(case, settled.names)
+    pulls = np.asarray(settled.minimum.parameters)[1 : 1 + len(constants)]
+    if not np.any(np.abs(pulls) > _STRAINED):
+        return ""
+    farthest = int(np.argmax(np.abs(pulls)))
+    pull, one = float(pulls[farthest]), constants[farthest]
+    error = "offset" if one.kind == "offsets" else "position error"
+    return (
+        f"the {error} of {one.of} would be {pull * one.std:+.3g} {one.unit}, {abs(pull):.2g} times what the case "
+        "states: the wall is not as it is modelled, or less sure than stated; wallid diagnose looks for what is missing"
     )
 
 
@@ -98,24 +108,4 @@ def why_unsteady(settled: Settled) -> str:
     return (
         f"the readings ask for another diffusivity at another time of the window (p = {settled.steadiness:.1g}): "
         "something is missing from the model; wallid diagnose looks for what"
-    )
-
-
-def _stated(case: Case, names: Names) -> Iterator[tuple[str, float, str]]:
-    """Of each offset and place that is free, in their order: what it is, its standard deviation and unit."""
-    for s in names.offsets:
-        yield f"the offset of {case.sensors[s].name}", case.sensors[s].offset_std, "K"
-    for s in names.positions:
-        yield f"the position error of {case.sensors[s].name}", case.sensors[s].position_std, "m"
-    for side in names.depths:
-        yield f"the position error of the {SIDES[side]} face's sensor", case.record.face_position_std, "m"
-
-
-def why_too_coarse(shift: float, noise_std_log: float) -> str:
-    """Why a reduced model cannot be relied on here, or an empty string."""
-    if abs(shift) <= noise_std_log:
-        return ""
-    return (
-        f"the reduced model's own error moves the estimate by {shift:+.1%}, more than the noise does; take a "
-        'higher order, learning_diffusivities around the estimate, or model = "lom"'
     )
