@@ -17,7 +17,7 @@ from .identifiability import identifiability
 from .least_squares import Fit, apart, covariance, simple_sigma
 from .likelihood import HIGHEST, LOWEST
 from .quantity import NORMAL_95, Quantity, lognormal
-from .reliance import why_strained, why_too_coarse, why_unreliable, why_unsteady
+from .reliance import why_strained, why_too_coarse, why_too_faint, why_unreliable, why_unsteady
 from .settle import settle
 from .settled import Settled
 from .simulate import Integrator
@@ -129,7 +129,8 @@ def conclude(told: Told, settled: Settled, others: list[Settled], draws: int) ->
     singular = np.linalg.svd(settled.jacobian, compute_uv=False) if settled.finite else np.array([np.nan])
     bounds = float(settled.problem.lowest), float(settled.problem.highest)
     reason = why_unreliable(case, value, (ends[0], ends[1]), singular, bool(best.converged), bounds)
-    reason = reason or why_too_coarse(shift, std_log) or why_strained(case, settled) or why_unsteady(settled)
+    reason = reason or why_too_coarse(shift, std_log) or why_too_faint(case, settled)
+    reason = reason or why_strained(case, settled) or why_unsteady(settled)
     covariance = settled.covariance.copy()
     covariance[0, 0] += shift**2
     return told.finished(

@@ -86,6 +86,31 @@ def why_too_coarse(shift: float, noise_std_log: float) -> str:
     )
 
 
+def why_too_faint(case: Case, settled: Settled) -> str:
+    """Why the sensors as the case states them are too coarse for what moves, or an empty string.
+
+    A diffusivity larger by the largest factor `f` that an interval may span moves sensor s by
+    `ln(f) ptp_t dT_s/d(ln alpha)` beside a constant. Where that is less than its `offset_std` at every sensor, an error
+    of the size that the case states would pass for it as soon as it is not quite constant: no interval counts that.
+    """
+    names = settled.names
+    if names.fluxes or len(names.offsets) < len(case.sensors) or not settled.finite:
+        return ""
+    factor, there = case.choices.largest_interval_factor, settled.shape.counts.T > 0
+    slope = np.asarray(settled.minimum.jacobian)[:, 0].reshape(there.shape)
+    largest = [np.ptp(course[seen]) if seen.any() else 0.0 for course, seen in zip(slope, there, strict=True)]
+    moved = math.log(factor) * np.array(largest)
+    stated = np.array([sensor.offset_std for sensor in case.sensors])
+    if np.any(moved >= stated):
+        return ""
+    best = int(np.argmax(moved / stated))
+    return (
+        f"a diffusivity {factor:g} times as large would move {case.sensors[best].name} by {moved[best]:.2g} K, less "
+        f"than the {stated[best]:g} K that the case states of its error: one that changes a little in the window would "
+        "do the same; take a window in which the faces move more, or compare the sensors and state a smaller offset_std"
+    )
+
+
 def why_strained(case: Case, settled: Settled) -> str:
     """Why the readings and what the case states of its instruments contradict each other, or an empty string."""
     constants = constants_of(case, settled.names)
