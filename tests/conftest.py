@@ -21,9 +21,9 @@ from jaxtyping import install_import_hook
 
 install_import_hook("wallid", "typechecker.check")
 
-from wallid._cold import compile_quickly  # noqa: E402
+from wallid._xla import prepare_xla  # noqa: E402
 
-compile_quickly()  # as the commands do: most of the tests' time is compilation
+prepare_xla()  # as the commands do: most of the tests' time is compilation
 
 from pathlib import Path  # noqa: E402
 

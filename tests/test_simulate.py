@@ -1,4 +1,5 @@
 import decimal
+from dataclasses import replace
 
 import diffrax
 import equinox as eqx
@@ -9,10 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from benchmarks.make_examples import slab_response
+from numpy.testing import assert_allclose
 from systems import DAY, LENGTH, POINTS, T_REF, faces, fourier, half_minutes, scipy_field_and_sensitivity, slab
 
 import wallid
-from wallid.exponential import phi_functions
+from wallid import recurrence
+from wallid.exponential import phi_functions, step_map
 
 
 def phi_by_decimals(z):
@@ -84,6 +87,58 @@ def test_fast_path_and_diffrax_give_the_same_numbers(modal):
     slow = wallid.simulate(system, 0.4, jnp.asarray(time), inputs, initial, sensitivity=True)
     for have, want in zip(slow, fast, strict=True):
         assert np.abs(have - want).max() < 1e-12 * max(1.0, np.abs(want).max())
+
+
+@pytest.mark.parametrize("sensitivity", [True, False])
+@pytest.mark.parametrize("free", [True, False])
+def test_one_loop_gives_what_blocks_and_lsim_give(sensitivity, free):
+    system = slab(9, degree=2).modal()
+    if free:
+        system = replace(system, C_theta=2.0 * system.C)
+    time, inputs = np.arange(150) / 24.0, jnp.asarray(random_walk(150, 2, 6) + 0.3)
+    initial = jnp.asarray([0.1, 0.5, -0.8])
+    exact = step_map(system, jnp.asarray(0.4), jnp.asarray(time[1]), sensitivity=sensitivity)
+    x = system.P @ initial
+    start = x, jnp.zeros_like(x) if sensitivity else None
+    u, theta = recurrence.in_one_loop(system, exact, start, inputs)
+    _, (u_blocks, theta_blocks) = recurrence.in_blocks(system, exact, start, inputs)
+    want, want_theta = scipy_field_and_sensitivity(
+        slab(9, degree=2), 0.4, time, np.asarray(inputs), np.asarray(initial)
+    )
+    assert_allclose(u, want, atol=1e-12)
+    assert_allclose(u[1:], u_blocks, atol=1e-13)
+    if not sensitivity:
+        assert theta is None
+    else:
+        assert_allclose(theta, (2.0 if free else 1.0) * want_theta, atol=1e-12)
+        assert_allclose(theta[1:], theta_blocks, atol=1e-13)
+
+
+@pytest.mark.parametrize("small", [True, False])
+def test_both_ways_through_the_rows_go_through_every_transformation(monkeypatch, small):
+    """Closed over, mapped over models and inputs, forward and reverse, once and twice: nothing that XLA cannot make."""
+    monkeypatch.setattr(recurrence, "has_small_loops", lambda: small)
+    system, inputs = slab(8 + small).modal(), jnp.asarray(random_walk(60 + small, 2, 7))
+    assert recurrence.is_small(system, len(inputs)) is small
+
+    def of(fo, q=inputs, model=system):
+        u, theta = wallid.propagate(model, fo, 0.04, q, jnp.zeros(1), sensitivity=True)
+        return jnp.sum(u**2) + jnp.sum(theta**3)
+
+    fos = jnp.asarray([0.3, 0.5, 0.8])
+    one, each = float(of(0.5)), jax.vmap(of)(fos)
+    step = 1e-5
+    slope = float(of(0.5 + step) - of(0.5 - step)) / (2 * step)
+    assert_allclose(jax.jit(lambda: of(0.5))(), one, rtol=1e-12)
+    assert_allclose([each[1], jax.lax.map(of, fos)[1]], one, rtol=1e-12)
+    assert_allclose([jax.grad(of)(0.5), jax.jacfwd(of)(0.5), jax.jit(jax.grad(of))(0.5)], slope, rtol=1e-7)
+    curved = (jax.grad(of)(0.5 + step) - jax.grad(of)(0.5 - step)) / (2 * step)
+    assert_allclose([jax.hessian(of)(0.5), jax.grad(jax.grad(of))(0.5)], curved, rtol=1e-6)
+    models = jax.tree.map(lambda *leaves: jnp.stack(leaves), system, system)
+    together = jax.vmap(of, (0, 0, 0))(fos[:2], jnp.stack([2.0 * inputs, inputs]), models)
+    assert_allclose(together[1], one, rtol=1e-12)
+    way = jax.grad(lambda q: of(0.5, q))(inputs)
+    assert_allclose(jnp.sum(way * inputs), jax.jvp(lambda q: of(0.5, q), (inputs,), (inputs,))[1], rtol=1e-10)
 
 
 def test_uneven_rows_are_exact_too():

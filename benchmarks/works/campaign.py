@@ -38,6 +38,8 @@ CONTENDERS = {
     "diffrax Heun 8 s": lambda: _direct().heun(once=True),
     "C recurrence of order 10": lambda: _direct().limit(),
 }
+# as it comes, without what wallid asks of XLA
+PLAIN = ("diffrax Heun 8 s",)
 
 
 def asked(results: Results) -> list[Asked]:

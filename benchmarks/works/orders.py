@@ -3,7 +3,6 @@
 import jax
 
 import wallid
-from wallid._cold import compile_quickly
 
 from ..measure import Prepared
 from .ratio import Asked, Results, seconds_of
@@ -12,7 +11,6 @@ TITLE = "learning for the case study's window, all orders from 1 to 20"
 
 
 def _orders() -> Prepared:
-    compile_quickly()  # as `wallid run --orders` does
     case = wallid.load("saint_julien")
     window = wallid.design(case).best
     lom, signals = wallid.large_model(case), wallid.learning_signals(case, window)

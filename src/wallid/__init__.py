@@ -12,6 +12,7 @@ Switch 64-bit floats on first: `jax.config.update("jax_enable_x64", True)`.
 from importlib import import_module as _import_module
 from importlib.metadata import version as _version
 
+from ._xla import prepare_xla
 from .campaign import Pooled, campaign
 from .case import Case, load, packaged
 from .design import Design, design
@@ -92,6 +93,7 @@ __all__ = [
     "load",
     "lom",
     "packaged",
+    "prepare_xla",
     "propagate",
     "read_record",
     "reliability",

@@ -14,8 +14,8 @@ import typer
 from threadpoolctl import threadpool_limits
 
 from . import workflow
-from ._cold import compile_quickly
 from ._fields import within
+from ._xla import prepare_xla
 from .case import Case, load
 from .experiment import Window, check_unbroken, window_rows
 from .wall import InputError
@@ -94,7 +94,7 @@ def refuse(error: InputError) -> NoReturn:
 def _set_up() -> None:
     """Settings of the whole process, which a command has to itself."""
     jax.config.update("jax_enable_x64", True)
-    compile_quickly()
+    prepare_xla()
     threadpool_limits(limits=1, user_api="blas")  # `mim` says why
 
 

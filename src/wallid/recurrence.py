@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ._xla import has_small_loops
 from .exponential import State, StepMap, times
 from .statespace import StateSpace
 
 _FEW = 16  # states: below, sums are cheaper than products of thin matrices
+_SMALL = 24, 2**15  # states, and states times rows, up to which one loop is faster than blocks, as measured
 
 Stretch = tuple[State, tuple[Array, Array | None]]
 """The state at the last row; u and theta at every row but the first, theta None without the sensitivity."""
@@ -44,6 +47,63 @@ def in_blocks(system: StateSpace, exact: StepMap, state: State, inputs: Float[Ar
         if system.C_theta is not None:
             _, u = run(system.C, *step)
     return (x, theta), (u + times(system.D, inputs[1:]), y)
+
+
+def is_small(system: StateSpace, rows: int) -> bool:
+    """Whether a diagonal model of few states under few rows is best run `in_one_loop`."""
+    states, work = _SMALL
+    return system.is_diagonal and system.order <= states and rows * system.order <= work and has_small_loops()
+
+
+def in_one_loop(
+    system: StateSpace, exact: StepMap, state: State, inputs: Float[Array, "time input"]
+) -> tuple[Float[Array, "time output"], Float[Array, "time output"] | None]:
+    """u and theta at every row, one after the other, in a single kernel: for a diagonal model that `is_small`.
+
+    For `z = x - W1 q` and `zeta = theta - V1 q` a step takes one row of inputs,
+
+        z_k+1 = E z_k + b q_k,                               b = W0 + E W1
+        zeta_k+1 = E zeta_k + E' z_k + b' q_k,               b' = V0 + E V1 + E' W1
+    """
+    x, theta = state
+    E, column, C = exact.E, exact.E[:, None], system.theta_outputs
+    # products of matrices as sums, or XLA does not make one kernel of a whole search with this in it
+    D = system.D + times(system.C, exact.W1.T).T
+    field = _Course(system.C, D, exact.W0 + column * exact.W1, x - times(exact.W1, inputs[0]))
+    if theta is None or exact.E_theta is None or exact.V0 is None or exact.V1 is None:
+        return _loop(E, field, None, None, inputs)
+    b = exact.V0 + column * exact.V1 + exact.E_theta[:, None] * exact.W1
+    tangent = _Course(C, times(C, exact.V1.T).T, b, theta - times(exact.V1, inputs[0]))
+    return _loop(E, field, exact.E_theta, tangent, inputs)
+
+
+class _Course(NamedTuple):
+    """A state's course and outputs: `z_k+1 = E z_k + b q_k` from `first`, `y_k = C z_k + D q_k`."""
+
+    C: Array
+    D: Array
+    b: Array
+    first: Array
+
+    def next(self, E: Array, z: Array, q: Array) -> Array:
+        return E * z + times(self.b, q)
+
+    def seen(self, z: Array, q: Array) -> Array:
+        return times(self.C, z) + times(self.D, q)
+
+
+def _loop(
+    E: Array, field: _Course, E_theta: Array | None, tangent: _Course | None, inputs: Array
+) -> tuple[Array, Array | None]:
+    def on(now: tuple[Array, Array | None], q: Array) -> tuple[tuple[Array, Array | None], tuple[Array, Array | None]]:
+        z, zeta = now
+        after, seen = field.next(E, z, q), field.seen(z, q)
+        if tangent is None or zeta is None or E_theta is None:
+            return (after, None), (seen, None)
+        return (after, tangent.next(E, zeta, q) + E_theta * z), (seen, tangent.seen(zeta, q))
+
+    first = field.first, None if tangent is None else tangent.first
+    return jax.lax.scan(on, first, inputs)[1]
 
 
 def _block_length(rows: int, order: int) -> int:

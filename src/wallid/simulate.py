@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float, ScalarLike
 
 from .exponential import Exponential, Flow, State, outputs, step_map
-from .recurrence import in_blocks, in_turn
+from .recurrence import in_blocks, in_one_loop, in_turn, is_small
 from .statespace import StateSpace
 
 _STRETCH = 4096  # rows, whole blocks of them
@@ -146,6 +146,8 @@ def _propagate(
 ) -> tuple[Outputs, Outputs | None]:
     exact = step_map(system, fourier, step, sensitivity=sensitivity)
     start = _initial_state(system, initial, sensitivity)
+    if is_small(system, inputs.shape[0]):
+        return in_one_loop(system, exact, start, inputs)
     pass_through = partial(in_blocks if system.is_diagonal else in_turn, system, exact)
     parts = [jax.tree.map(lambda row: row[None], outputs(system, start, inputs[0]))]
     whole = (inputs.shape[0] - 1) // _STRETCH * _STRETCH

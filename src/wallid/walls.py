@@ -8,6 +8,7 @@ synthetic records; the interval that can be believed is `estimate`'s, wall by wa
 from __future__ import annotations
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import optimistix as optx
 from jax.sharding import Mesh
@@ -15,12 +16,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .experiment import Experiment
 from .least_squares import Problem, searched
+from .recurrence import is_small
 from .simulate import ArrayLike
 from .statespace import StateSpace, require_x64
 from .sweeps import Sweep, sweep
 
 _ITERATIONS = 40  # Gauss-Newton needs some six; a wall that takes more says so
-_TOGETHER = 32  # walls: their numbers stay in a core's cache
+_TOGETHER = 32  # walls: their numbers stay in a core's cache; one where a wall's whole search is one kernel
 
 
 class Walls(eqx.Module):
@@ -54,7 +56,7 @@ def estimate_walls(
     *,
     eta: float = 1e-8,
     way: Sweep = "map",
-    chunk: int = _TOGETHER,
+    chunk: int | None = None,
     mesh: Mesh | None = None,
 ) -> Walls:
     """The diffusivity of each of many walls, from models and records that differ in their numbers only.
@@ -65,7 +67,7 @@ def estimate_walls(
         fourier_per_alpha: Fo for a diffusivity of 1 m2/s, `scales(case).fourier(1.0)`.
         start: m2/s.
         eta: the stopping criterion on the relative change of the diffusivity.
-        way, chunk, mesh: how the walls are gone through, see `sweep`.
+        way, chunk, mesh: how the walls are gone through, see `sweep`; a chunk of None is what is fastest.
 
     Raises:
         ValueError: numbers of walls that differ.
@@ -73,6 +75,9 @@ def estimate_walls(
     require_x64()
     items = (systems, data, jnp.asarray(fourier_per_alpha, float), jnp.asarray(start, float))
     arrays, static = eqx.partition(items, eqx.is_array)
+    if chunk is None:
+        one = jax.tree.map(lambda leaf: leaf[0], systems)
+        chunk = 1 if is_small(one, data.inputs.shape[1]) else _TOGETHER
     return Walls(**sweep(_one, arrays, static, jnp.asarray(eta, float), way=way, chunk=chunk, mesh=mesh))
 
 
