@@ -1,8 +1,10 @@
 """Heat flux: against the sine series of `benchmarks.slab` (no part of wallid), SciPy's hand and ISO 9869-1's rules."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import jax.monitoring
 import jsonschema
 import numpy as np
 import pandas as pd
@@ -27,26 +29,29 @@ STEP, ROWS = 900.0, 288
 NOISE, FACE = 0.3, 0.01
 
 
-def course(seed=3):
-    """Three days after twelve others: faces, fluxes (W/m2), and a temperature in the middle."""
-    faces = weather(5 * ROWS, STEP, np.random.default_rng(seed))
+def course(seed=3, windows=1):
+    """Three days after twelve others, or more: faces, fluxes (W/m2), and a temperature in the middle."""
+    rows = ROWS * windows
+    faces = weather(4 * ROWS + rows, STEP, np.random.default_rng(seed))
     through = CONDUCTIVITY / LENGTH * fluxes(faces, STEP, DIFFUSIVITY / LENGTH**2)
     inside = temperatures(faces, STEP, np.array([0.5]), DIFFUSIVITY / LENGTH**2)
-    return faces[-ROWS:], through[-ROWS:], inside[-ROWS:]
+    return faces[-rows:], through[-rows:], inside[-rows:]
 
 
-def case_of(plates=("left", "right"), *, length=LENGTH, gain=(0.0, 0.0), seed=3, sensor=False, **choices):
-    faces, through, inside = course(seed)
-    rng = np.random.default_rng([seed, 1])
-    time = STEP * np.arange(ROWS)
-    noisy = through * (1 + np.array(gain)) + NOISE * rng.standard_normal(through.shape)
+def case_of(
+    plates=("left", "right"), *, length=LENGTH, gain=(0.0, 0.0), seed=3, sensor=False, windows=1, noise=1.0, **choices
+):
+    faces, through, inside = course(seed, windows)
+    rows, rng = len(faces), np.random.default_rng([seed, 1])
+    time = STEP * np.arange(rows)
+    noisy = through * (1 + np.array(gain)) + noise * NOISE * rng.standard_normal(through.shape)
     names = ("T1",) if sensor else ()
     record = wallid.Record(
         time,
         time,
         None,
-        faces + FACE * rng.standard_normal(faces.shape),
-        inside + 0.05 * rng.standard_normal(inside.shape) if sensor else np.empty((ROWS, 0)),
+        faces + noise * FACE * rng.standard_normal(faces.shape),
+        inside + 0.05 * noise * rng.standard_normal(inside.shape) if sensor else np.empty((rows, 0)),
         names,
         regressors={f"flux_{face}": noisy[:, ("left", "right").index(face)] for face in plates},
         boundary_noise_std=FACE,
@@ -167,9 +172,59 @@ def test_sensors_and_plates_together():
     assert joined.residual.shape == (ROWS, 2) and joined.sensors == 1
 
 
-def written(folder, **more):
+def test_a_campaign_takes_fluxes_window_by_window(both):
+    """What one estimate has compiled serves all windows; each is that of `estimate`, and all know the wall better."""
+    case, compiled = case_of(windows=3), []
+    jax.monitoring.register_event_duration_secs_listener(
+        lambda event, *_, **__: compiled.append(event) if "backend_compile" in event else None
+    )
+    found = wallid.campaign(case)
+    jax.monitoring.clear_event_listeners()
+    assert not compiled
+    assert found.fits[1].value == wallid.estimate(case, found.windows[1]).value
+    told = found.thermal
+    assert found.reliable and found.used == (0, 1, 2) and found.conduction.freedom == 2
+    near(told.resistance, R)
+    near(told.areal_heat_capacity, C)
+    near(told.conductivity, CONDUCTIVITY)
+    near(told.heat_capacity, CAPACITY)
+    assert told.resistance.std < min(fit.thermal.resistance.std for fit in found.fits)
+    assert told.averages[0].days == 9.0 and told.held_out is None
+    assert "agreement    of the conductivity" in str(found)
+
+
+def test_no_number_of_windows_takes_a_plates_calibration_out():
+    """Without noise, a plate that reads 2 % more: the resistance is that much less, from two windows as from one."""
+    still, moved = (
+        wallid.campaign(replace(case, record=replace(case.record, flux_gain_std=0.05)))
+        for case in (case_of(("left",), windows=2, noise=0.0, gain=gain) for gain in ((0.0, 0.0), (0.02, 0.0)))
+    )
+    told = still.thermal.resistance
+    assert moved.thermal.resistance.value / told.value == pytest.approx(1 / 1.02, rel=1e-3)
+    assert told.std / told.value == pytest.approx(0.05, rel=0.01)
+    assert still.mean.std < 0.8 * still.fits[0].std / still.fits[0].value, "the diffusivity is not touched by it"
+
+
+def test_a_window_may_have_plates_alone_or_sensors_alone():
+    case = case_of(("left",), sensor=True, windows=3)
+    sensors, flux = case.record.sensors.copy(), case.record.regressors["flux_left"].copy()
+    sensors[:ROWS] = np.nan
+    flux[ROWS : 2 * ROWS] = np.nan
+    sensors[2 * ROWS :], flux[2 * ROWS :] = np.nan, np.nan
+    case = replace(case, record=replace(case.record, sensors=sensors, regressors={"flux_left": flux}))
+    found = wallid.campaign(case)
+    first, second, third = found.fits
+    assert third is None and "no reading" in str(found)
+    assert found.used == (0, 1) and [fit.has_flux for fit in (first, second)] == [True, False]
+    assert told_range(case, found.windows[0])[0] == pytest.approx(LENGTH**2 / (np.pi**2 * ROWS * STEP))
+    assert abs(np.log(found.value / DIFFUSIVITY)) < 4 * found.mean.std
+    near(found.thermal.resistance, R)
+    assert found.thermal.resistance.value == pytest.approx(first.thermal.resistance.value, rel=1e-12)
+
+
+def written(folder, *, windows=1, **more):
     """The slab as files."""
-    record = case_of().record
+    record = case_of(windows=windows).record
     columns = {"time": record.time, "in": record.faces[:, 0], "out": record.faces[:, 1]}
     columns |= {"q_in": record.regressors["flux_left"], "q_out": record.regressors["flux_right"]}
     pd.DataFrame(columns | more).to_csv(folder / "record.csv", index=False)
@@ -230,6 +285,24 @@ def test_a_case_with_flux_alone_on_the_command_line(tmp_path):
     assert wrong.exit_code == 2 and "sensor" in wrong.stderr
     wrong = CliRunner().invoke(app, ["design", written(tmp_path), "--out", str(out)])
     assert wrong.exit_code == 2 and "sensor" in wrong.stderr
+
+
+def test_all_windows_of_fluxes_on_the_command_line(tmp_path):
+    out = tmp_path / "out"
+    words = ["estimate", written(tmp_path, windows=2), "--all-windows", "--json", "--out", str(out)]
+    ended = CliRunner().invoke(app, words)
+    assert ended.exit_code == 0, ended.stderr
+    result = json.loads(ended.stdout)
+    jsonschema.validate(result, SCHEMA)
+    for key in ("conductivity", "heat_capacity", "resistance", "areal_heat_capacity", "transmittance"):
+        assert set(result[key]) == {"value", "std", "interval_95", "unit"}
+    assert result["iso_9869"]["flux_right"]["days"] == 6.0
+    assert result["windows"]["conductivities"]["degrees_of_freedom"] == 1
+    each = [window["resistance"]["value"] for window in result["windows"]["each"]]
+    assert min(each) < result["resistance"]["value"] < max(each)
+    page = check((out / "report.html").read_text("utf-8"))
+    assert "Thermal resistance" in page.text and "a resistance from face to face of" in page.text
+    assert any("m² K/W" in image["alt"] for image in page.images if image["alt"].startswith("Intervals of 2 windows"))
 
 
 def test_the_london_wall(measured):

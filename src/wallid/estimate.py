@@ -36,6 +36,7 @@ from .least_squares import fit_experiment, paper_sigma
 from .likelihood import HIGHEST, LOWEST
 from .mim import Learned
 from .sensitivity import explicit
+from .settled import Settled
 from .simulate import Integrator
 from .statespace import StateSpace
 from .thermal import thermal
@@ -97,11 +98,14 @@ def estimate(
     check_unbroken(case, window)
     if case.choices.free and weights == "none":
         raise InputError('[choices] free: --weights none estimates the diffusivity alone; take "noise"')
+    eta = case.choices.eta if eta is None else eta
     if (fluxes_of(case) or case.choices.free) and weights == "noise":
-        return _by_large_model(case, window, start, eta, sensitivity == "explicit", integrator, draws)
+        return fit_with_flux(
+            case, window, whole_model(case), start, eta,
+            explicit_theta=sensitivity == "explicit", integrator=integrator, draws=draws,
+        )[0]  # fmt: skip
     if model is None:
         model = large_model(case) if case.choices.model == "lom" else learn(case, window, integrator=integrator)
-    eta = case.choices.eta if eta is None else eta
     told = plain_fit(
         case, window, model, start, eta, weighted=weights == "noise", sensitivity=sensitivity, integrator=integrator
     )
@@ -144,28 +148,33 @@ def plain_fit(
     return Told(case, window, data, system, fit, reduced, words)
 
 
-def _by_large_model(
+def fit_with_flux(
     case: Case,
     window: Window,
+    system: StateSpace,
     start: float,
-    eta: float | None,
-    explicit_theta: bool,
-    integrator: Integrator,
-    draws: int,
-) -> Estimate:
-    """The estimate of a case with heat flux, or with more of the wall free: no reduced model learns either."""
-    data, system = experiment(case, window), whole_model(case)
+    eta: float,
+    *,
+    explicit_theta: bool = True,
+    integrator: Integrator = "propagator",
+    draws: int = 0,
+) -> tuple[Estimate, Settled]:
+    """The estimate of a case with heat flux, or with more of the wall free: no reduced model learns either.
+
+    Arguments:
+        system: the large model with all outputs (`whole_model`); the others as in `estimate`.
+    """
     plates = fluxes_of(case)
     words = f"large model of order {system.order}"
     words += f", with the flux of the {' and the '.join(plates)} face" if plates else ""
     words += f", free: {', '.join(case.choices.free).replace('_', ' ')}" if case.choices.free else ""
-    told = Told(case, window, with_flux(case, window, data), system, None, False, words)
-    eta = case.choices.eta if eta is None else eta
+    data = with_flux(case, window, experiment(case, window))
+    told = Told(case, window, data, system, None, False, words)
     settled, others = settled_minima(told, eta, explicit_theta, integrator, start)
     fit = conclude(told, settled, others, draws)
     steps = int(settled.minimum.trace.count) - 1
     found = thermal(case, window, settled) if plates else None
-    return replace(fit, thermal=found, iterations=steps, evaluations=steps + 1)
+    return replace(fit, thermal=found, iterations=steps, evaluations=steps + 1), settled
 
 
 def check_draws(draws: int, weights: str = "noise") -> None:

@@ -21,6 +21,7 @@ from .estimate import theta_kelvin
 from .experiment import Window, diagnosed, large_model, whole
 
 if TYPE_CHECKING:
+    from .campaign import Pooled
     from .workflow import Run
 
 STEMS = (
@@ -110,9 +111,7 @@ def figures(run: Run) -> Iterator[tuple[str, Figure]]:
             plot.orders(ax, run.orders)
             yield "orders", made
         if run.campaign is not None:
-            made, ax = plot.figure(height=1.6 + 0.22 * min(len(run.campaign.windows), 40))
-            plot.forest(ax, run.campaign)
-            yield "campaign", made
+            yield "campaign", _campaign_figure(run.campaign)
         if run.fit is not None:
             yield "estimate", _estimate_figure(run) if run.case.sensors else _convergence_figure(run)
         if run.fit is not None and run.fit.thermal is not None:
@@ -179,6 +178,21 @@ def _estimate_figure(run: Run) -> Figure:
     plot.measured_against_simulated(axes[1, 0], run.case, run.fit, theta, legend=False)
     plot.residual(axes[1, 1], run.case, run.fit, theta, legend=False)
     shared_legend(made, axes[1, 0])
+    return made
+
+
+def _campaign_figure(found: Pooled) -> Figure:
+    """Every window's diffusivity, and its resistance beside it where fluxes told any."""
+    height = 1.6 + 0.22 * min(len(found.windows), 40)
+    if found.thermal is None:
+        made, ax = plot.figure(height=height)
+        plot.forest(ax, found)
+        return made
+    made, axes = plot.figure(1, 2, width=9.0, height=height)
+    plot.forest(axes[0], found, legend=False)
+    plot.resistance_forest(axes[1], found, legend=False)
+    axes[1].set(ylabel="", yticklabels=[])
+    shared_legend(made, axes[0])
     return made
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from ._legend import shared_legend
 from ._style import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SENSORS, SKY, STYLE, YELLOW, colour, figure, style
-from .plot_campaign import forest
+from .plot_campaign import forest, resistance_forest
 from .plot_design import compromise, criterion, sampling, sensor_places
 from .plot_discrepancy import (
     confusability,
@@ -78,6 +78,7 @@ __all__ = [
     "record",
     "residual",
     "residual_map",
+    "resistance_forest",
     "sampling",
     "sensor_places",
     "shared_colour_bar",

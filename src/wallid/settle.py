@@ -217,5 +217,6 @@ def _first_conductivity(case: Case, window: Window) -> float:
     part = case.record.window(window.row, window.rows)
     fluxes = [part.regressors[f"flux_{face}"] for face in fluxes_of(case)]
     drop = float(np.mean(part.faces[:, 0] - part.faces[:, 1]))
-    found = float(np.nanmean(np.concatenate(fluxes))) / drop * case.wall.length if abs(drop) > 1e-3 else 1.0
+    read = np.concatenate([flux[np.isfinite(flux)] for flux in fluxes])
+    found = float(read.mean()) / drop * case.wall.length if len(read) and abs(drop) > 1e-3 else 1.0
     return float(np.clip(found, 1e-3, 1e3)) if math.isfinite(found) and found > 0 else 1.0
