@@ -59,7 +59,7 @@ def _record_caption(run: Run) -> str:
 def _design(run: Run, found: Design) -> str:
     best = found.best
     return (
-        f"Sensitivity of each sensor to the diffusivity, and the criterion over start days; best are {best.rows} "
+        f"Sensitivity of each reading to the diffusivity, and the criterion over start days; best are {best.rows} "
         f"rows from {run.case.record.stamp(best.row)}."
     )
 

@@ -60,14 +60,23 @@ def depth_columns(slope: np.ndarray, gradient: np.ndarray, x: np.ndarray, length
     return np.stack([stretched - (1.0 - x / length) * gradient, -stretched - x / length * gradient])
 
 
+def flux_columns(slope: np.ndarray, flux: np.ndarray, length: float) -> np.ndarray:
+    """The same of fluxes, over conductivity / length: K/m.
+
+    Arguments:
+        slope: d(q L / k)/d(ln alpha), K. flux: q L / k, K.
+    """
+    further = 2.0 / length * slope + flux / length
+    return np.stack([further, -further])
+
+
 def faces_elsewhere(case: Case, data: Experiment, diffusivity: float, large: StateSpace) -> np.ndarray:
     """What one prior standard deviation to the right of each face's sensor adds to the outputs, K."""
     length, places = case.wall.length, np.array([sensor.position for sensor in case.sensors])
     sensors, kelvin, fourier = len(places), float(data.temperature), scales(case).fourier(diffusivity)
     u, theta = (kelvin * np.asarray(one) for one in explicit(large, jnp.asarray(fourier), data))
     slope = fourier * theta
-    fluxes = 2.0 / length * slope + u / length
-    columns = np.stack([fluxes, -fluxes])
+    columns = flux_columns(slope, u, length)
     if sensors:
         model = large_model(case, [Output(x, "gradient") for x in places])
         gradient = kelvin / length * np.asarray(run(model, jnp.asarray(fourier), data)[0])[:, sensors:]

@@ -206,7 +206,7 @@ def seconds_of_estimate(case: Case, window: Window, model: StateSpace) -> float:
 
 
 def theta_kelvin(system: StateSpace, case: Case, window: Window, diffusivity: float) -> np.ndarray:
-    """`dT/d(ln alpha)` at the sensors over a window, K, `(time, sensor)`."""
+    """`dT/d(ln alpha)` at a model's outputs over a window, K, `(time, output)`; of a flux that of q L / k."""
     fourier = scales(case).fourier(diffusivity)
     _, theta = explicit(system, fourier, experiment(case, window))
     return np.asarray(theta) * fourier * scales(case).temperature

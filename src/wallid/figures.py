@@ -19,6 +19,7 @@ from .discrepancy.extend import Fit
 from .discrepancy.locate import Remainder
 from .estimate import theta_kelvin
 from .experiment import Window, diagnosed, large_model, whole
+from .free import plate_outputs
 
 if TYPE_CHECKING:
     from .campaign import Pooled
@@ -159,14 +160,21 @@ def narrow(run: Run) -> Iterator[tuple[str, Figure]]:
 
 
 def _design_figure(run: Run) -> Figure:
+    """How far each reading would move, then the criterion, then what longer windows would give."""
     assert run.design is not None
-    made, axes = plot.figure(2 if run.lengths is None else 3, height=2.4)
+    sensors, plates = len(run.case.sensors), plate_outputs(run.case)
+    shown = (sensors > 0) + (len(plates) > 0)
+    made, axes = plot.figure(shown + (1 if run.lengths is None else 2), height=2.4)
     window = whole(run.case)
-    sensitivity = theta_kelvin(large_model(run.case), run.case, window, run.design.diffusivities[0])
-    plot.theta(axes[0], run.case, run.case.record.days[window.part], sensitivity)
-    plot.criterion(axes[1], run.design)
+    moved = theta_kelvin(large_model(run.case, plates), run.case, window, run.design.diffusivities[0])
+    days = run.case.record.days[window.part]
+    if sensors:
+        plot.theta(axes[0], run.case, days, moved[:, :sensors])
+    if plates:
+        plot.flux_theta(axes[shown - 1], run.case, days, moved[:, sensors:])
+    plot.criterion(axes[shown], run.design)
     if run.lengths is not None:
-        plot.compromise(axes[2], run.lengths)
+        plot.compromise(axes[shown + 1], run.lengths)
     return made
 
 

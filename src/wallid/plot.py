@@ -27,7 +27,7 @@ from .plot_estimate import (
     residual,
 )
 from .plot_flux import flux_density, flux_interval, flux_residual, measured_flux
-from .plot_model import orders, theta
+from .plot_model import flux_theta, orders, theta
 from .plot_record import coverage, record
 from .plot_reliability import density, flux, last_week, loads, uncertainty
 from .plot_remainder import (
@@ -65,6 +65,7 @@ __all__ = [
     "flux_density",
     "flux_interval",
     "flux_residual",
+    "flux_theta",
     "forest",
     "hourly_residual",
     "initial_profile",

@@ -12,7 +12,9 @@ from ._columns import FEWEST_ROWS
 from .case import Case
 from .courses import Model
 from .experiment import HasBest, Window, as_window, check_unbroken, whole
-from .information import Looking, fisher, rows_per_bin, std_of, whitened
+from .free import untold_rows
+from .information import fisher, std_of
+from .looking import Looking, rows_per_bin, whitened
 from .quantity import NORMAL_95
 from .wall import InputError
 
@@ -98,15 +100,21 @@ def sampling(
     courses = model.courses(starts, window.rows, alpha, faces)
     rows, std, shift = (fine - 1) // strides + 1, [], []
     for k, stride in enumerate(strides, start=1):
-        bins = rows_per_bin(int(rows[k - 1]) * len(case.sensors))
+        bins = rows_per_bin(int(rows[k - 1]) * len(model.outputs))
         looking = Looking(case, courses, starts, window.rows, bins, int(stride))
-        seen = [looking.seen(k, s, sensor) for s, sensor in enumerate(case.sensors)]
-        whitening = looking.whitening(list(enumerate(seen)))
+        count = int(rows[k - 1])
+        read = np.arange(count) >= untold_rows(case, count, case.record.step * int(stride) / refine)
+        present = np.ones((count, len(model.outputs)), bool)
+        present[:, len(case.sensors) :] = read[:, None]
+        keyed = [(s, looking.seen(k, s, sensor)) for s, sensor in enumerate(case.sensors)]
+        keyed += looking.plates(k, present[:, len(case.sensors) :])
+        seen, whitening = [one for _, one in keyed], looking.whitening(keyed)
         matrix = fisher(seen, whitening)
         std.append(std_of(matrix))
         # what the readings are beside what the straight lines predict
         apart = (courses.temperature[0] - courses.temperature[k])[:: int(stride)]
-        white = whitening.whiten(looking.mean(apart, np.ones(len(apart))).T.reshape(-1, 1))[:, 0]
+        binned = [looking.binned(course[:, None], there) for course, there in zip(apart.T, present.T, strict=True)]
+        white = whitening.whiten(np.concatenate([mean[count > 0] for mean, count in binned]))[:, 0]
         shift.append(np.linalg.solve(matrix, whitened(seen, whitening).T @ white)[0] if std[-1] < math.inf else 0.0)
     stamp = case.record.stamp
     return Sampling(
