@@ -208,14 +208,12 @@ def test_a_campaign_takes_fluxes_window_by_window(both):
 
 def test_no_number_of_windows_takes_a_plates_calibration_out():
     """Without noise, a plate that reads 2 % more: the resistance is that much less, from two windows as from one."""
-    still, moved = (
-        wallid.campaign(replace(case, record=replace(case.record, flux_gain_std=0.05)))
-        for case in (case_of(("left",), windows=2, noise=0.0, gain=gain) for gain in ((0.0, 0.0), (0.02, 0.0)))
-    )
-    told = still.thermal.resistance
-    assert moved.thermal.resistance.value / told.value == pytest.approx(1 / 1.02, rel=1e-3)
+    case = case_of(("left",), windows=2, noise=0.0, gain=(0.02, 0.0))
+    found = wallid.campaign(replace(case, record=replace(case.record, flux_gain_std=0.05)))
+    told, one = found.thermal.resistance, found.fits[0]
+    assert told.value == pytest.approx(R / 1.02, rel=1e-3)
     assert told.std / told.value == pytest.approx(0.05, rel=0.01)
-    assert still.mean.std < 0.8 * still.fits[0].std / still.fits[0].value, "the diffusivity is not touched by it"
+    assert found.mean.std < 0.8 * one.std / one.value, "the diffusivity is not touched by it"
 
 
 def test_a_window_may_have_plates_alone_or_sensors_alone():
@@ -319,6 +317,26 @@ def test_estimates_from_fluxes_scatter_as_the_design_expects():
     expected = wallid.design(case, diffusivities=[DIFFUSIVITY]).expected_error
     low, high = chi2.ppf([0.001, 0.999], 12)
     assert low < np.sum(np.square(values)) / expected**2 < high
+
+
+def test_a_reduced_model_learns_fluxes_and_answers_for_its_error(both):
+    """Eight modes: the sine series' fluxes, the large model's estimate, and the shift that its own error makes."""
+    case, window = case_of(sensor=True), wallid.Window(0, ROWS)
+    case = replace(case, choices=replace(case.choices, learning_diffusivities=(3e-7, 8e-7)))
+    learned = wallid.learn(case, window, 8, plates=True).system
+    assert learned.output_names == ("T1", "flux_left", "flux_right")
+    still = at_rest(gap=False)
+    data, scale = wallid.experiment(still), wallid.scales(still)
+    u = np.asarray(wallid.explicit(learned, scale.fourier(DIFFUSIVITY), data)[0])
+    through = CONDUCTIVITY / LENGTH * scale.temperature * u[:, 1:]
+    truth = np.column_stack(list(still.record.regressors.values()))
+    assert np.abs(through - truth)[1:].max() < 0.2 * NOISE
+    assert np.abs(scale.celsius(u[:, :1]) - still.record.sensors).max() < 0.05
+    fit = wallid.estimate(case_of(), window, learned.select([1, 2]))
+    moved, std = np.log(fit.value / both.value), both.std / both.value
+    assert abs(moved) < 0.2 * std and fit.thermal.resistance.value == pytest.approx(R, rel=0.02)
+    assert fit.model_shift == pytest.approx(moved, rel=0.2)
+    assert "reduced model of order 8" in str(fit) and "large model" in str(both)
 
 
 def written(folder, *, windows=1, **more):

@@ -75,7 +75,8 @@ def estimate(
     Arguments:
         window: None for the whole record, or its longest unbroken part.
         model: None for the case's choice: the large model, or a reduced one learned for the window. With heat flux in
-            the record, or with more of the wall free (`[choices] free`), the large model is taken, whatever is given.
+            the record the large model is taken, unless the one given has the plates' outputs too (`learn` with
+            `plates`); with more of the wall free (`[choices] free`) it is, whatever is given.
         start: m2/s; None for the case's prior.
         weights: the full covariance of the readings, or the paper's plain sum of squares, whose standard error
             takes the paper's simple sigma for white noise.
@@ -99,9 +100,13 @@ def estimate(
     if case.choices.free and weights == "none":
         raise InputError('[choices] free: --weights none estimates the diffusivity alone; take "noise"')
     eta = case.choices.eta if eta is None else eta
+    if weights == "none" and not case.sensors:
+        raise InputError(f"{case.path}: no [[sensor]]: --weights none takes temperatures inside the wall, not fluxes")
     if (fluxes_of(case) or case.choices.free) and weights == "noise":
+        if model is None or case.choices.free or not _has_plates(case, model):
+            model = whole_model(case)
         return fit_with_flux(
-            case, window, whole_model(case), start, eta,
+            case, window, model, start, eta,
             explicit_theta=sensitivity == "explicit", integrator=integrator, draws=draws,
         )[0]  # fmt: skip
     if model is None:
@@ -130,8 +135,9 @@ def plain_fit(
 
     Arguments: as in `estimate`.
     """
-    system = model.system if isinstance(model, Learned) else model
+    system, words, reduced = _named(case, model)
     check_driven(system, case, window)
+    system = system.select(list(range(len(case.sensors))))
     data = experiment(case, window, weighted=weighted)
     fit = fit_experiment(
         system,
@@ -143,15 +149,26 @@ def plain_fit(
         integrator=integrator,
         max_iterations=case.choices.max_iterations,
     )
-    reduced = isinstance(model, Learned) or system.order < case.choices.nodes - 2
-    words = f"{'reduced' if reduced else 'large'} model of order {system.order}"
     return Told(case, window, data, system, fit, reduced, words)
+
+
+def _has_plates(case: Case, model: StateSpace | Learned) -> bool:
+    """Whether a model gives out what the case's sensors and plates read."""
+    system = model.system if isinstance(model, Learned) else model
+    return system.C.shape[0] == len(case.sensors) + len(fluxes_of(case))
+
+
+def _named(case: Case, model: StateSpace | Learned) -> tuple[StateSpace, str, bool]:
+    """A model's system, what it is in words, and whether it is a reduced one."""
+    system = model.system if isinstance(model, Learned) else model
+    reduced = isinstance(model, Learned) or system.order < case.choices.nodes - 2
+    return system, f"{'reduced' if reduced else 'large'} model of order {system.order}", reduced
 
 
 def fit_with_flux(
     case: Case,
     window: Window,
-    system: StateSpace,
+    model: StateSpace | Learned,
     start: float,
     eta: float,
     *,
@@ -159,17 +176,18 @@ def fit_with_flux(
     integrator: Integrator = "propagator",
     draws: int = 0,
 ) -> tuple[Estimate, Settled]:
-    """The estimate of a case with heat flux, or with more of the wall free: no reduced model learns either.
+    """The estimate of a case with heat flux, or with more of the wall free.
 
     Arguments:
-        system: the large model with all outputs (`whole_model`); the others as in `estimate`.
+        model: its outputs are the sensors, then the plates: `whole_model`, or a reduced one; the others as in
+            `estimate`.
     """
-    plates = fluxes_of(case)
-    words = f"large model of order {system.order}"
+    plates, (system, words, reduced) = fluxes_of(case), _named(case, model)
+    check_driven(system, case, window)
     words += f", with the flux of the {' and the '.join(plates)} face" if plates else ""
     words += f", free: {', '.join(case.choices.free).replace('_', ' ')}" if case.choices.free else ""
     data = with_flux(case, window, experiment(case, window))
-    told = Told(case, window, data, system, None, False, words)
+    told = Told(case, window, data, system, None, reduced, words)
     settled, others = settled_minima(told, eta, explicit_theta, integrator, start)
     fit = conclude(told, settled, others, draws)
     steps = int(settled.minimum.trace.count) - 1

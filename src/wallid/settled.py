@@ -173,7 +173,10 @@ class Settled:
         return along @ self.inverse[:, readings:][:, self.names.constants[1:]]
 
     def model_shift(self, apart: np.ndarray) -> float:
-        """How far an error of the predictions, K at the rows, moves ln(alpha)."""
+        """How far an error of the predictions, K at the rows and of plates that of q L / k, moves ln(alpha)."""
+        if plates := len(self.names.fluxes):
+            conductance = np.asarray(self.problem.flux_scale(self.minimum.parameters) / self.problem.data.temperature)
+            apart = np.concatenate([apart[:, :-plates], conductance * apart[:, -plates:]], axis=1)
         binned = np.asarray(self.problem.bins.mean(jnp.asarray(apart)))
         return float(self.inverse[0, : len(binned)] @ (self.noise.whiten @ binned))
 
