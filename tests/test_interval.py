@@ -138,7 +138,8 @@ def test_what_a_faces_place_does_to_the_readings():
         )
         return found.at[:, -1].multiply(length / wall.length)  # k over the length
 
-    found = faces_elsewhere(case, data, alpha, lom(case.wall, outputs, nodes=61, profile_degree=profile_degree(case)))
+    seen = [*outputs, *(Output(sensor.position, "gradient") for sensor in case.sensors)]
+    found = faces_elsewhere(case, data, alpha, lom(case.wall, seen, nodes=61, profile_degree=profile_degree(case)))
     for face in (0, 1):
         ends = [run_between(*(np.arange(2) == face) * one) for one in (step, -step)]
         want = std * (ends[0] - ends[1]) / (2 * step)
@@ -153,6 +154,21 @@ def test_what_contradicts_the_instruments_as_stated_is_not_relied_on():
     fit = estimated(interval.case_of(errors, faces[-interval.ROWS :], readings))
     assert not fit.reliable and fit.reason.startswith("the position error of T1 would be +0.01")
     assert "times what the case states" in fit.reason and "wallid diagnose" in fit.reason
+
+
+@pytest.mark.parametrize(("moves", "stated", "says"), [(0.02, 0.1, False), (1.0, 0.1, True), (0.02, 0.005, True)])
+def test_sensors_too_coarse_for_what_moves_say_nothing(moves, stated, says):
+    places, course = np.array(interval.PLACES), np.random.default_rng(3)
+    faces = interval.weather(interval.BEFORE + interval.ROWS, interval.STEP, course)
+    faint = 0.02 * faces
+    error = interval.truth(faint, places, 2 * interval.DIFFUSIVITY) - interval.truth(faint, places)
+    assert np.ptp(error, axis=0).max() < 0.1, "a sensor good to 0.1 K may err so"
+    noise = 0.002 * course.standard_normal(error.shape)
+    readings = interval.truth(moves * faces, places) + (error if stated == 0.1 else 0.0) + noise
+    case = interval.case_of(interval.Errors(0.002, 0.002, offset=stated), moves * faces[-interval.ROWS :], readings)
+    fit = estimated(case)
+    assert fit.reliable is says and ("K that the case states of its error" in fit.reason) is not says
+    assert fit.value == pytest.approx(interval.DIFFUSIVITY * (1 if says else 2), rel=0.05)
 
 
 def by_steps(faces, diffusivity, cells=160):
@@ -278,6 +294,7 @@ def test_the_range_that_a_window_can_tell():
     [
         ("borehole_248", "2014-12-01", True, ""),
         ("borehole_248", "2014-12-15", True, ""),
+        ("borehole_248", "2014-12-29", False, "would move T_1m by 0.03"),
         ("borehole_248", "2015-01-12", False, "reaches the bound"),
         # what had been stirred up in the hole until the day before
         ("borehole_247", "2014-12-01", False, "times what the case states"),

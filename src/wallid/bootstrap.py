@@ -42,9 +42,7 @@ class Bootstrap:
 
 def bootstrap(settled: Settled, draws: int, seed: int) -> Bootstrap:
     """A parametric bootstrap: noise of the covariance found, offsets and positions from their priors."""
-    noise = settled.noise if settled.robust is None else settled.robust
-    widening = 1.0 if settled.robust is not None else settled.widening
-    root = np.linalg.cholesky(noise.covariance) * math.sqrt(widening)
+    root = np.linalg.cholesky(settled.noise_covariance)
     found = resample(
         settled.problem,
         settled.minimum.parameters,

@@ -11,13 +11,13 @@ from .bootstrap import bootstrap
 from .case import Case
 from .estimated import Estimate
 from .experiment import Experiment, Window, fit_profile, large_model, scales
-from .free import plate_outputs
+from .free import constants_of, plate_outputs
 from .gauss_newton import Trace
 from .identifiability import identifiability
 from .least_squares import Fit, apart, covariance, simple_sigma
 from .likelihood import HIGHEST, LOWEST
 from .quantity import NORMAL_95, Quantity, lognormal
-from .reliance import why_strained, why_too_coarse, why_unreliable, why_unsteady
+from .reliance import why_strained, why_too_coarse, why_too_faint, why_unreliable, why_unsteady
 from .settle import settle
 from .settled import Settled
 from .simulate import Integrator
@@ -124,19 +124,14 @@ def conclude(told: Told, settled: Settled, others: list[Settled], draws: int) ->
         for end in (low - settled.log_alpha, high - settled.log_alpha)
     ]
     free, widths = np.asarray(best.parameters)[1:], np.sqrt(np.diag(settled.covariance))[1:]
-    offsets, positions = {}, {}
-    for k, s in enumerate((*names.offsets, *names.positions)):
-        sensor, is_offset = case.sensors[s], k < len(names.offsets)
-        std = sensor.offset_std if is_offset else sensor.position_std
-        (offsets if is_offset else positions)[sensor.name] = (float(std * free[k]), float(std * widths[k]))
-    face_positions = {
-        SIDES[side]: tuple(float(case.record.face_position_std * one) for one in (free[k], widths[k]))
-        for k, side in enumerate(names.depths, start=names.of_depths.start)
-    }
+    constants: dict[str, dict[str, tuple[float, float]]] = {"offsets": {}, "positions": {}, "face_positions": {}}
+    for k, one in enumerate(constants_of(case, names)):
+        constants[one.kind][one.name] = (float(one.std * free[k]), float(one.std * widths[k]))
     singular = np.linalg.svd(settled.jacobian, compute_uv=False) if settled.finite else np.array([np.nan])
     bounds = float(settled.problem.lowest), float(settled.problem.highest)
     reason = why_unreliable(case, value, (ends[0], ends[1]), singular, bool(best.converged), bounds)
-    reason = reason or why_too_coarse(shift, std_log) or why_strained(case, settled) or why_unsteady(settled)
+    reason = reason or why_too_coarse(shift, std_log) or why_too_faint(case, settled)
+    reason = reason or why_strained(case, settled) or why_unsteady(settled)
     covariance = settled.covariance.copy()
     covariance[0, 0] += shift**2
     return told.finished(
@@ -144,9 +139,7 @@ def conclude(told: Told, settled: Settled, others: list[Settled], draws: int) ->
         std=value * float(np.hypot(std_log, shift)),
         interval_95=(ends[0], ends[1]),
         interval_kind=kind,
-        offsets=offsets,
-        positions=positions,
-        face_positions=face_positions,
+        **constants,
         result="converged" if bool(best.converged) else "stopped at the largest number of iterations",
         reliable=not reason,
         reason=reason,

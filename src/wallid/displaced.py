@@ -15,9 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from .case import Case
-from .experiment import Experiment, large_model, scales
+from .experiment import Experiment, scales
 from .lom import Output
-from .sensitivity import explicit, run
+from .sensitivity import explicit
 from .statespace import StateSpace
 from .structure import structure_of, system_at
 
@@ -71,14 +71,16 @@ def flux_columns(slope: np.ndarray, flux: np.ndarray, length: float) -> np.ndarr
 
 
 def faces_elsewhere(case: Case, data: Experiment, diffusivity: float, large: StateSpace) -> np.ndarray:
-    """What one prior standard deviation to the right of each face's sensor adds to the outputs, K."""
+    """What one prior standard deviation to the right of each face's sensor adds to the outputs, K.
+
+    Arguments:
+        large: its outputs are the sensors, the plates, and last the gradients at the sensors.
+    """
     length, places = case.wall.length, np.array([sensor.position for sensor in case.sensors])
     sensors, kelvin, fourier = len(places), float(data.temperature), scales(case).fourier(diffusivity)
     u, theta = (kelvin * np.asarray(one) for one in explicit(large, jnp.asarray(fourier), data))
-    slope = fourier * theta
-    columns = flux_columns(slope, u, length)
-    if sensors:
-        model = large_model(case, [Output(x, "gradient") for x in places])
-        gradient = kelvin / length * np.asarray(run(model, jnp.asarray(fourier), data)[0])[:, sensors:]
-        columns[:, :, :sensors] = depth_columns(slope[:, :sensors], gradient, places, length)
-    return case.record.face_position_std * columns
+    channels = u.shape[1] - sensors
+    slope, gradient = fourier * theta[:, :channels], u[:, channels:] / length
+    through = flux_columns(slope[:, sensors:], u[:, sensors:channels], length)
+    inside = depth_columns(slope[:, :sensors], gradient, places, length)
+    return case.record.face_position_std * np.concatenate([inside, through], axis=2)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -117,6 +118,33 @@ def names_of(case: Case, window: Window) -> Names:
     )
 
 
+class Constant(NamedTuple):
+    """A constant error of an instrument, and what the case states of it.
+
+    Arguments:
+        kind: as an estimate has it. name: of the sensor or the face.
+        of: whose it is, in words.
+        std: of its prior, in `unit`.
+    """
+
+    kind: Literal["offsets", "positions", "face_positions"]
+    name: str
+    of: str
+    std: float
+    unit: str
+
+
+def constants_of(case: Case, names: Names) -> list[Constant]:
+    """The offsets and places that are free, in their order."""
+    offsets, sensors = ([case.sensors[s] for s in those] for those in (names.offsets, names.positions))
+    std, faces = case.record.face_position_std, [SIDES[side] for side in names.depths]
+    return [
+        *(Constant("offsets", sensor.name, sensor.name, sensor.offset_std, "K") for sensor in offsets),
+        *(Constant("positions", sensor.name, sensor.name, sensor.position_std, "m") for sensor in sensors),
+        *(Constant("face_positions", face, f"the {face} face's sensor", std, "m") for face in faces),
+    ]
+
+
 def free_at(
     case: Case,
     window: Window,
@@ -136,7 +164,7 @@ def free_at(
         large: the case's large model with all outputs, at the structure found so far.
         conductivity: W/m/K, about which that of a case with a flux is looked for.
     """
-    columns, at, moved, moved_slope = _columns(case, window, data, names, diffusivity, found, large)
+    columns, at, moved, moved_slope = _columns(case, window, data, names, diffusivity, found)
     modes = names.modes
     return Free(
         columns=columns,
@@ -160,7 +188,6 @@ def _columns(
     names: Names,
     diffusivity: float,
     found: np.ndarray,
-    large: StateSpace,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """All that is linear: columns, where they are, what that adds and its slope, as `Free` has them."""
     rows, channels = data.observed.shape
@@ -178,7 +205,9 @@ def _columns(
         for k, s in enumerate(names.positions, start=places.start):
             columns[k, :, s] = case.sensors[s].position_std * gradient[:, s]
     if names.depths:
-        columns[names.of_depths] = faces_elsewhere(case, data, diffusivity, large)
+        columns[names.of_depths] = faces_elsewhere(
+            case, data, diffusivity, whole_model(case, structure, gradients=True)
+        )
     for k in range(len(structure)):
         columns[names.errors + k] = _along(case, data, diffusivity, structure, k)
     faces = np.asarray(case.record.window(window.row, window.rows).faces)
@@ -252,17 +281,19 @@ def plate_outputs(case: Case) -> list[Output]:
     return [Output(places[face], "flux", f"flux_{face}") for face in fluxes_of(case)]
 
 
-def whole_model(case: Case, structure: np.ndarray | None = None) -> StateSpace:
+def whole_model(case: Case, structure: np.ndarray | None = None, *, gradients: bool = False) -> StateSpace:
     """The case's large model with the sensors, then the plates, as outputs.
 
     Arguments:
         structure: where the wall's own parameters are that are free, prior standard deviations; None for 0.
+        gradients: at the sensors come last.
     """
-    plates, names = plate_outputs(case), structure_of(case)
+    more = [*plate_outputs(case), *(Output(sensor.position, "gradient") for sensor in case.sensors if gradients)]
+    names = structure_of(case)
     if not names:
-        return large_model(case, plates)
+        return large_model(case, more)
     sensors = [Output(sensor.position, name=sensor.name) for sensor in case.sensors]
-    return system_at(case, names, np.zeros(len(names)) if structure is None else structure, [*sensors, *plates])
+    return system_at(case, names, np.zeros(len(names)) if structure is None else structure, [*sensors, *more])
 
 
 def noise_within(readings: np.ndarray, std: float) -> np.ndarray:

@@ -20,12 +20,13 @@ from itertools import combinations
 import numpy as np
 
 from .case import Case
+from .free import constants_of
 from .settled import Settled
-from .wall import SIDES
 
 COLLINEAR = 10.0
 _LARGEST_SUBSET = 3
 _MOST_PARAMETERS = 20  # subsets of three of more are too many to go through, or to read
+_CONSTANTS = {"offsets": "offset", "positions": "position", "face_positions": "place"}
 _SAID = 2  # groups that a sentence names
 _NOT_TOLD = 0.9  # of a prior's standard deviation that is left
 
@@ -105,9 +106,7 @@ def identifiability(case: Case, settled: Settled) -> Identifiability:
     names = settled.names
     told = [0, *(1 + k for k in range(names.of_structure.stop))]
     words = ["the diffusivity"]
-    words += [f"the offset of {case.sensors[s].name}" for s in names.offsets]
-    words += [f"the position of {case.sensors[s].name}" for s in names.positions]
-    words += [f"the place of the {SIDES[side]} face's sensor" for side in names.depths]
+    words += [f"the {_CONSTANTS[one.kind]} of {one.of}" for one in constants_of(case, names)]
     words += [_of_wall(name) for name in names.structure]
     if names.fluxes:
         told += range(1 + names.conductivity, 1 + names.count)

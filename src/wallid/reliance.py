@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 from scipy.special import erfcinv
 
 from .case import Case
 from .experiment import Window
-from .free import Names
+from .free import constants_of
 from .likelihood import HIGHEST, LOWEST
 from .settled import Settled
-from .wall import SIDES
 
 _TOLD, _MOST_TOLD = 0.01, 0.5  # share of a face's change: what is told of it, at the least and at the most
 _STRAINED = 4.0  # prior standard deviations: an offset or a place hardly ever is that far from what the case states
@@ -79,16 +77,53 @@ def why_unreliable(
     return ""
 
 
-def why_strained(case: Case, settled: Settled) -> str:
-    """Why the readings and what the case states of its instruments contradict each other, or an empty string."""
-    names, z = settled.names, np.asarray(settled.minimum.parameters)[1:]
-    errors = [(z[k], word, std, unit) for k, (word, std, unit) in enumerate(_stated(case, names))]
-    pull, word, std, unit = max(errors, key=lambda one: abs(one[0]), default=(0.0, "", 0.0, ""))
-    if abs(pull) <= _STRAINED:
+def why_too_coarse(shift: float, noise_std_log: float) -> str:
+    """Why a reduced model cannot be relied on here, or an empty string."""
+    if abs(shift) <= noise_std_log:
         return ""
     return (
-        f"{word} would be {pull * std:+.3g} {unit}, {abs(pull):.2g} times what the case states: the wall is not as it "
-        "is modelled, or less sure than stated; wallid diagnose looks for what is missing"
+        f"the reduced model's own error moves the estimate by {shift:+.1%}, more than the noise does; take a "
+        'higher order, learning_diffusivities around the estimate, or model = "lom"'
+    )
+
+
+def why_too_faint(case: Case, settled: Settled) -> str:
+    """Why the sensors as the case states them are too coarse for what moves, or an empty string.
+
+    A diffusivity larger by the largest factor `f` that an interval may span moves sensor s by
+    `ln(f) ptp_t dT_s/d(ln alpha)` beside a constant. Where that is less than its `offset_std` at every sensor, an error
+    of the size that the case states would pass for it as soon as it is not quite constant: no interval counts that.
+    """
+    names = settled.names
+    if names.fluxes or len(names.offsets) < len(case.sensors) or not settled.finite:
+        return ""
+    factor, there = case.choices.largest_interval_factor, settled.shape.counts.T > 0
+    slope = np.asarray(settled.minimum.jacobian)[:, 0].reshape(there.shape)
+    largest = [np.ptp(course[seen]) if seen.any() else 0.0 for course, seen in zip(slope, there, strict=True)]
+    moved = math.log(factor) * np.array(largest)
+    stated = np.array([sensor.offset_std for sensor in case.sensors])
+    if np.any(moved >= stated):
+        return ""
+    best = int(np.argmax(moved / stated))
+    return (
+        f"a diffusivity {factor:g} times as large would move {case.sensors[best].name} by {moved[best]:.2g} K, less "
+        f"than the {stated[best]:g} K that the case states of its error: one that changes a little in the window would "
+        "do the same; take a window in which the faces move more, or compare the sensors and state a smaller offset_std"
+    )
+
+
+def why_strained(case: Case, settled: Settled) -> str:
+    """Why the readings and what the case states of its instruments contradict each other, or an empty string."""
+    constants = constants_of(case, settled.names)
+    pulls = np.asarray(settled.minimum.parameters)[1 : 1 + len(constants)]
+    if not np.any(np.abs(pulls) > _STRAINED):
+        return ""
+    farthest = int(np.argmax(np.abs(pulls)))
+    pull, one = float(pulls[farthest]), constants[farthest]
+    error = "offset" if one.kind == "offsets" else "position error"
+    return (
+        f"the {error} of {one.of} would be {pull * one.std:+.3g} {one.unit}, {abs(pull):.2g} times what the case "
+        "states: the wall is not as it is modelled, or less sure than stated; wallid diagnose looks for what is missing"
     )
 
 
@@ -99,24 +134,4 @@ def why_unsteady(settled: Settled) -> str:
     return (
         f"the readings ask for another diffusivity at another time of the window (p = {settled.steadiness:.1g}): "
         "something is missing from the model; wallid diagnose looks for what"
-    )
-
-
-def _stated(case: Case, names: Names) -> Iterator[tuple[str, float, str]]:
-    """Of each offset and place that is free, in their order: what it is, its standard deviation and unit."""
-    for s in names.offsets:
-        yield f"the offset of {case.sensors[s].name}", case.sensors[s].offset_std, "K"
-    for s in names.positions:
-        yield f"the position error of {case.sensors[s].name}", case.sensors[s].position_std, "m"
-    for side in names.depths:
-        yield f"the position error of the {SIDES[side]} face's sensor", case.record.face_position_std, "m"
-
-
-def why_too_coarse(shift: float, noise_std_log: float) -> str:
-    """Why a reduced model cannot be relied on here, or an empty string."""
-    if abs(shift) <= noise_std_log:
-        return ""
-    return (
-        f"the reduced model's own error moves the estimate by {shift:+.1%}, more than the noise does; take a "
-        'higher order, learning_diffusivities around the estimate, or model = "lom"'
     )

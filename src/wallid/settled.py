@@ -106,6 +106,11 @@ class Settled:
         return own @ self.robust.covariance @ own.T + priors @ priors.T
 
     @cached_property
+    def noise_covariance(self) -> np.ndarray:
+        """Of the binned readings, as the record shows it and as far as its shape is known, K2."""
+        return self.noise.covariance * self.widening if self.robust is None else self.robust.covariance
+
+    @cached_property
     def steadiness(self) -> float:
         """How often chance alone makes the readings ask for a diffusivity that varies in time as much as these do.
 
@@ -125,15 +130,12 @@ class Settled:
         readings, z = len(self.noise.whiten), np.asarray(self.minimum.parameters)[1:]
         score = varied.T @ np.concatenate([self.noise.whiten @ np.asarray(self.minimum.left), -z])
         own, priors = varied[:readings].T @ self.noise.whiten, varied[readings:]
-        noise = self.noise.covariance * self.widening if self.robust is None else self.robust.covariance
-        spread = own @ noise @ own.T + priors.T @ priors
+        spread = own @ self.noise_covariance @ own.T + priors.T @ priors
         statistic = float(score @ np.linalg.lstsq(spread, score, rcond=1e-9)[0]) / _MODULATIONS
-        freedom = (self.noise if self.robust is None else self.robust).freedom
-        return float(
-            fdtrc(_MODULATIONS, freedom, statistic)
-            if np.isfinite(freedom)
-            else chdtrc(_MODULATIONS, statistic * _MODULATIONS)
-        )
+        freedom = (self.robust or self.noise).freedom
+        if not np.isfinite(freedom):
+            return float(chdtrc(_MODULATIONS, _MODULATIONS * statistic))
+        return float(fdtrc(_MODULATIONS, freedom, statistic))
 
     @property
     def log_alpha(self) -> float:
@@ -191,8 +193,7 @@ class Settled:
         known = float(own @ self.noise.covariance @ own)
         faces = float(own @ self.faces_covariance @ own)
         variance = {"sensors' noise": known - faces, "faces' noise": faces}
-        groups = {"offsets": len(names.offsets), "positions": len(names.positions)}
-        groups |= {"faces' places": len(names.depths)}
+        groups = {"offsets": len(names.offsets), "positions": len(names.positions), "faces' places": len(names.depths)}
         groups |= {"layers and films": len(names.structure), "common noise": len(names.common)}
         groups |= {"initial profile": names.modes}
         used = 1
