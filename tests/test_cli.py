@@ -154,8 +154,8 @@ def test_an_inner_sensor_is_asked_for(command, tmp_path):
     path = write_own(tmp_path)
     text = path.read_text().split("[[sensor]]")[0].replace("[record]", '[record]\nflux_left = "in"')
     path.write_text(text)
-    # a flux alone can be estimated from (tests/test_flux.py), but which days tell most is asked of sensors
-    ended = command("design", path)
+    # a flux alone can be estimated from and designed for (tests/test_flux.py), but what is missing is asked of sensors
+    ended = command("diagnose", path)
     assert ended.exit_code == 2 and "[[sensor]]" in ended.stderr
 
 

@@ -1,8 +1,10 @@
 """Heat flux: against the sine series of `benchmarks.slab` (no part of wallid), SciPy's hand and ISO 9869-1's rules."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import jax.monitoring
 import jsonschema
 import numpy as np
 import pandas as pd
@@ -11,14 +13,18 @@ from benchmarks.slab import fluxes, temperatures, weather
 from numpy.testing import assert_allclose
 from pages import check
 from results import SCHEMA
+from scipy.linalg import toeplitz
+from scipy.stats import chi2
 from typer.testing import CliRunner
 
 import wallid
 from wallid import plot
 from wallid.case import Choices
 from wallid.cli import app
+from wallid.free import noise_within, untold_rows, whole_model
 from wallid.iso9869 import average_method
 from wallid.reliance import told_range
+from wallid.settle import settle
 
 LENGTH, CONDUCTIVITY, CAPACITY = 0.3, 0.75, 1.5e6
 R, C = LENGTH / CONDUCTIVITY, LENGTH * CAPACITY
@@ -27,26 +33,38 @@ STEP, ROWS = 900.0, 288
 NOISE, FACE = 0.3, 0.01
 
 
-def course(seed=3):
-    """Three days after twelve others: faces, fluxes (W/m2), and a temperature in the middle."""
-    faces = weather(5 * ROWS, STEP, np.random.default_rng(seed))
+def course(seed=3, windows=1):
+    """Three days after twelve others, or more: faces, fluxes (W/m2), and a temperature in the middle."""
+    rows = ROWS * windows
+    faces = weather(4 * ROWS + rows, STEP, np.random.default_rng(seed))
     through = CONDUCTIVITY / LENGTH * fluxes(faces, STEP, DIFFUSIVITY / LENGTH**2)
     inside = temperatures(faces, STEP, np.array([0.5]), DIFFUSIVITY / LENGTH**2)
-    return faces[-ROWS:], through[-ROWS:], inside[-ROWS:]
+    return faces[-rows:], through[-rows:], inside[-rows:]
 
 
-def case_of(plates=("left", "right"), *, length=LENGTH, gain=(0.0, 0.0), seed=3, sensor=False, **choices):
-    faces, through, inside = course(seed)
-    rng = np.random.default_rng([seed, 1])
-    time = STEP * np.arange(ROWS)
-    noisy = through * (1 + np.array(gain)) + NOISE * rng.standard_normal(through.shape)
+def case_of(
+    plates=("left", "right"),
+    *,
+    length=LENGTH,
+    gain=(0.0, 0.0),
+    seed=3,
+    draw=1,
+    sensor=False,
+    windows=1,
+    noise=1.0,
+    noise_model=None,
+):
+    faces, through, inside = course(seed, windows)
+    rows, rng = len(faces), np.random.default_rng([seed, draw])
+    time = STEP * np.arange(rows)
+    noisy = through * (1 + np.array(gain)) + noise * NOISE * rng.standard_normal(through.shape)
     names = ("T1",) if sensor else ()
     record = wallid.Record(
         time,
         time,
         None,
-        faces + FACE * rng.standard_normal(faces.shape),
-        inside + 0.05 * rng.standard_normal(inside.shape) if sensor else np.empty((ROWS, 0)),
+        faces + noise * FACE * rng.standard_normal(faces.shape),
+        inside + 0.05 * noise * rng.standard_normal(inside.shape) if sensor else np.empty((rows, 0)),
         names,
         regressors={f"flux_{face}": noisy[:, ("left", "right").index(face)] for face in plates},
         boundary_noise_std=FACE,
@@ -55,7 +73,7 @@ def case_of(plates=("left", "right"), *, length=LENGTH, gain=(0.0, 0.0), seed=3,
     )
     wall = wallid.Wall(length=length, diffusivity_prior=2e-7 * (length / LENGTH) ** 2, outside="right")
     sensors = (wallid.Sensor("T1", 0.5 * length, noise_std=0.05),) if sensor else ()
-    return wallid.Case("slab", Path("case.toml"), wall, sensors, record, Choices(initial_profile=1, **choices))
+    return wallid.Case("slab", Path("case.toml"), wall, sensors, record, Choices(initial_profile=1, noise=noise_model))
 
 
 @pytest.fixture(scope="module")
@@ -167,9 +185,163 @@ def test_sensors_and_plates_together():
     assert joined.residual.shape == (ROWS, 2) and joined.sensors == 1
 
 
-def written(folder, **more):
+def test_a_campaign_takes_fluxes_window_by_window(both):
+    """What one estimate has compiled serves all windows; each is that of `estimate`, and all know the wall better."""
+    case, compiled = case_of(windows=2), []
+    jax.monitoring.register_event_duration_secs_listener(
+        lambda event, *_, **__: compiled.append(event) if "backend_compile" in event else None
+    )
+    found = wallid.campaign(case)
+    jax.monitoring.clear_event_listeners()
+    assert not compiled
+    assert found.fits[1].value == wallid.estimate(case, found.windows[1]).value
+    told = found.thermal
+    assert found.reliable and found.used == (0, 1) and found.conduction.freedom == 1
+    near(told.resistance, R)
+    near(told.areal_heat_capacity, C)
+    near(told.conductivity, CONDUCTIVITY)
+    near(told.heat_capacity, CAPACITY)
+    assert told.resistance.std < min(fit.thermal.resistance.std for fit in found.fits)
+    assert told.averages[0].days == 6.0 and told.held_out is None
+    assert "agreement    of the conductivity" in str(found)
+
+
+def test_no_number_of_windows_takes_a_plates_calibration_out():
+    """Without noise, a plate that reads 2 % more: the resistance is that much less, from two windows as from one."""
+    case = case_of(("left",), windows=2, noise=0.0, gain=(0.02, 0.0))
+    found = wallid.campaign(replace(case, record=replace(case.record, flux_gain_std=0.05)))
+    told, one = found.thermal.resistance, found.fits[0]
+    assert told.value == pytest.approx(R / 1.02, rel=1e-3)
+    assert told.std / told.value == pytest.approx(0.05, rel=0.01)
+    assert found.mean.std < 0.8 * one.std / one.value, "the diffusivity is not touched by it"
+
+
+def test_a_window_may_have_plates_alone_or_sensors_alone():
+    case = case_of(("left",), sensor=True, windows=3)
+    sensors, flux = case.record.sensors.copy(), case.record.regressors["flux_left"].copy()
+    sensors[:ROWS] = np.nan
+    flux[ROWS : 2 * ROWS] = np.nan
+    sensors[2 * ROWS :], flux[2 * ROWS :] = np.nan, np.nan
+    case = replace(case, record=replace(case.record, sensors=sensors, regressors={"flux_left": flux}))
+    found = wallid.campaign(case)
+    first, second, third = found.fits
+    assert third is None and "no reading" in str(found)
+    assert found.used == (0, 1) and [fit.has_flux for fit in (first, second)] == [True, False]
+    assert told_range(case, found.windows[0])[0] == pytest.approx(LENGTH**2 / (np.pi**2 * ROWS * STEP))
+    assert abs(np.log(found.value / DIFFUSIVITY)) < 4 * found.mean.std
+    near(found.thermal.resistance, R)
+    assert found.thermal.resistance.value == pytest.approx(first.thermal.resistance.value, rel=1e-12)
+
+
+def at_rest(*, gap=True):
+    """A case from rest, so that its initial straight line is true, at the true diffusivity, conductivity stated."""
+    case, faces = case_of(sensor=True), weather(ROWS, STEP, np.random.default_rng(4))
+    inside = temperatures(faces, STEP, np.array([0.5]), DIFFUSIVITY / LENGTH**2)
+    through = CONDUCTIVITY / LENGTH * fluxes(faces, STEP, DIFFUSIVITY / LENGTH**2)
+    read = {f"flux_{face}": through[:, side] for side, face in enumerate(("left", "right"))}
+    read["flux_right"][40 : 60 if gap else 40] = np.nan
+    record = replace(case.record, faces=faces, sensors=inside, regressors=read, flux_gain_std=0.04)
+    wall = wallid.Wall(length=LENGTH, diffusivity_prior=DIFFUSIVITY, conductivity=CONDUCTIVITY, outside="right")
+    return replace(case, wall=wall, record=record)
+
+
+def bound(case, *, sensors, full):
+    """The Cramer-Rao bound of ln(alpha) by differences of the sine series, from rest.
+
+    With the readings' own noise, ln(conductivity) and the plates' gains; in full with the faces' noise, what sensors
+    have in common with it, and the initial profile's eight slowest modes.
+    """
+    record, rate, t = case.record, DIFFUSIVITY / LENGTH**2, case.record.time
+    faces, scale = record.faces, CONDUCTIVITY / LENGTH
+
+    def outputs(rate, faces):
+        return np.column_stack([temperatures(faces, STEP, np.array([0.5]), rate), scale * fluxes(faces, STEP, rate)])
+
+    h = (outputs(1.0001 * rate, faces) - outputs(0.9999 * rate, faces)) / 2e-4
+    through = outputs(rate, faces)[:, 1:]
+    constants = np.zeros((len(t), 3, 3))
+    constants[:, 1:, 0] = 3.0 * through
+    constants[:, 1, 1], constants[:, 2, 2] = (0.04 * through).T
+    std = np.array([0.05, NOISE, NOISE])
+    V = np.diag(np.repeat(std**2, len(t)))
+    if full:
+        n = np.arange(1, 9)
+        shapes = np.stack([np.sin(0.5 * np.pi * n), -scale * np.pi * n, -scale * np.pi * n * (-1.0) ** n])
+        everything = np.concatenate([faces.ravel(), record.sensors.ravel() if sensors else []])
+        waves = np.sqrt(2) * np.ptp(everything) / n * np.exp(-np.outer(t, rate * (n * np.pi) ** 2))[:, None] * shapes
+        common = np.zeros((len(t), 3, 2))
+        common[:, 0] = np.stack([noise_within(face, FACE) for face in faces.T], axis=1)
+        constants = np.concatenate([constants, waves, *([common] if sensors else [])], axis=2)
+        for side in (0, 1):
+            pulse = np.zeros((len(t) + 1, 2))
+            pulse[1, side] = 1.0
+            answer = outputs(rate, pulse)[1:]
+            G = np.concatenate([toeplitz(column, np.zeros(len(t))) for column in answer.T])
+            V += FACE**2 * G @ G.T
+    there = np.isfinite(np.column_stack([record.sensors, *record.regressors.values()]))
+    there[: untold_rows(case, ROWS, STEP), 1:] = False
+    there[:, 0] &= sensors
+    kept = there.T.ravel()
+    columns = constants.transpose(1, 0, 2).reshape(len(kept), -1)[kept]
+    V = V[np.ix_(kept, kept)] + columns @ columns.T
+    slope = h.T.ravel()[kept]
+    return 1 / np.sqrt(slope @ np.linalg.solve(V, slope))
+
+
+@pytest.mark.parametrize("sensors", [False, True])
+def test_a_design_counts_fluxes_to_the_cramer_rao_bound(sensors):
+    case = at_rest()
+    if not sensors:
+        case = replace(case, sensors=(), record=replace(case.record, sensors=np.empty((ROWS, 0)), names=()))
+    plain, full = (wallid.design(case, full=full).expected_error for full in (False, True))
+    assert plain == pytest.approx(bound(at_rest(), sensors=sensors, full=False), rel=3e-3)
+    assert full == pytest.approx(bound(at_rest(), sensors=sensors, full=True), rel=1e-2)
+    found = wallid.design(case)
+    assert found.full and found.expected_error == full, "where there are plates, all counts unless told otherwise"
+    assert "all that the interval counts" in str(found)
+    if sensors:  # where a further one helps, and other steps, begin with what there is
+        assert wallid.sensor_places(case, places=[0.1]).std_before[0] == pytest.approx(full, rel=1e-9)
+        whole = bound(at_rest(gap=False), sensors=True, full=True)
+        assert wallid.sampling(case, factors=[1.0]).std[0] == pytest.approx(whole, rel=1e-2)
+    cut = wallid.design(case, restart=False)
+    assert not cut.full and cut.expected_error == pytest.approx(plain, rel=1e-9), "one window: theta from its start"
+
+
+def test_estimates_from_fluxes_scatter_as_the_design_expects():
+    """Twelve records of other noise from a wall that did not begin at rest; the chi-square of their scatter."""
+    values = []
+    for seed in range(12):
+        case, window = case_of(seed=3, draw=seed, noise_model="stated"), wallid.Window(0, ROWS)
+        model, data = whole_model(case), wallid.experiment(case, window)
+        values.append(np.log(settle(case, window, data, model, DIFFUSIVITY, eta=1e-8).diffusivity / DIFFUSIVITY))
+    expected = wallid.design(case, diffusivities=[DIFFUSIVITY]).expected_error
+    low, high = chi2.ppf([0.001, 0.999], 12)
+    assert low < np.sum(np.square(values)) / expected**2 < high
+
+
+def test_a_reduced_model_learns_fluxes_and_answers_for_its_error(both):
+    """Eight modes: the sine series' fluxes, the large model's estimate, and the shift that its own error makes."""
+    case, window = case_of(sensor=True), wallid.Window(0, ROWS)
+    case = replace(case, choices=replace(case.choices, learning_diffusivities=(3e-7, 8e-7)))
+    learned = wallid.learn(case, window, 8, plates=True).system
+    assert learned.output_names == ("T1", "flux_left", "flux_right")
+    still = at_rest(gap=False)
+    data, scale = wallid.experiment(still), wallid.scales(still)
+    u = np.asarray(wallid.explicit(learned, scale.fourier(DIFFUSIVITY), data)[0])
+    through = CONDUCTIVITY / LENGTH * scale.temperature * u[:, 1:]
+    truth = np.column_stack(list(still.record.regressors.values()))
+    assert np.abs(through - truth)[1:].max() < 0.2 * NOISE
+    assert np.abs(scale.celsius(u[:, :1]) - still.record.sensors).max() < 0.05
+    fit = wallid.estimate(case_of(), window, learned.select([1, 2]))
+    moved, std = np.log(fit.value / both.value), both.std / both.value
+    assert abs(moved) < 0.2 * std and fit.thermal.resistance.value == pytest.approx(R, rel=0.02)
+    assert fit.model_shift == pytest.approx(moved, rel=0.2)
+    assert "reduced model of order 8" in str(fit) and "large model" in str(both)
+
+
+def written(folder, *, windows=1, **more):
     """The slab as files."""
-    record = case_of().record
+    record = case_of(windows=windows).record
     columns = {"time": record.time, "in": record.faces[:, 0], "out": record.faces[:, 1]}
     columns |= {"q_in": record.regressors["flux_left"], "q_out": record.regressors["flux_right"]}
     pd.DataFrame(columns | more).to_csv(folder / "record.csv", index=False)
@@ -228,8 +400,34 @@ def test_a_case_with_flux_alone_on_the_command_line(tmp_path):
     assert any(image["alt"].startswith("The estimate goes to") for image in page.images)
     wrong = CliRunner().invoke(app, ["estimate", written(tmp_path), "--weights", "none", "--out", str(out)])
     assert wrong.exit_code == 2 and "sensor" in wrong.stderr
-    wrong = CliRunner().invoke(app, ["design", written(tmp_path), "--out", str(out)])
-    assert wrong.exit_code == 2 and "sensor" in wrong.stderr
+
+
+def test_a_design_of_fluxes_on_the_command_line(tmp_path):
+    out = tmp_path / "out"
+    ended = CliRunner().invoke(app, ["design", written(tmp_path), "--json", "--out", str(out)])
+    assert ended.exit_code == 0, ended.stderr
+    result = json.loads(ended.stdout)
+    jsonschema.validate(result, SCHEMA)
+    assert result["design"]["full"] and 0.0 < result["design"]["expected_relative_std"] < 0.01
+    assert (out / "design.png").exists() and "Which days tell most" in (out / "report.html").read_text("utf-8")
+
+
+def test_all_windows_of_fluxes_on_the_command_line(tmp_path):
+    out = tmp_path / "out"
+    words = ["estimate", written(tmp_path, windows=2), "--all-windows", "--json", "--out", str(out)]
+    ended = CliRunner().invoke(app, words)
+    assert ended.exit_code == 0, ended.stderr
+    result = json.loads(ended.stdout)
+    jsonschema.validate(result, SCHEMA)
+    for key in ("conductivity", "heat_capacity", "resistance", "areal_heat_capacity", "transmittance"):
+        assert set(result[key]) == {"value", "std", "interval_95", "unit"}
+    assert result["iso_9869"]["flux_right"]["days"] == 6.0
+    assert result["windows"]["conductivities"]["degrees_of_freedom"] == 1
+    each = [window["resistance"]["value"] for window in result["windows"]["each"]]
+    assert min(each) < result["resistance"]["value"] < max(each)
+    page = check((out / "report.html").read_text("utf-8"))
+    assert "Thermal resistance" in page.text and "a resistance from face to face of" in page.text
+    assert any("m² K/W" in image["alt"] for image in page.images if image["alt"].startswith("Intervals of 2 windows"))
 
 
 def test_the_london_wall(measured):

@@ -1,16 +1,8 @@
 """One estimate from all windows of a campaign that tell anything, and whether they agree.
 
-With `y_i` the estimates of ln(alpha), `C` their covariance and one mean `m`::
-
-    m = (1' V^-1 1)^-1 1' V^-1 y,     V = C + tau^2 1,     X^2 = (y - m)' C^-1 (y - m) on n - 1 degrees of freedom
-    C_ij = sum_c b_ic b_jc for i != j,      b_ic = dy_i / dc
-
-Sensors stay where they are, and so do their offsets: what a constant c, one standard deviation of its prior, makes of
-one window's estimate it makes of the others' too, and no number of windows takes it out. Where the windows disagree
-(p under 5 %), `tau^2` is the variance between windows that makes `X^2` what it should be, and Student's quantile with
-n - 1 degrees of freedom stands for the normal one.
-
-Source: R. C. Paule, J. Mandel, J. Res. NBS 87 (1982), 377; G. Knapp, J. Hartung, Stat. Med. 22 (2003), 2693.
+The mean is that of their ln(alpha) (`pooling`). Sensors stay where they are, and so do their offsets and the plates'
+calibrations: what such a constant makes of one window's estimate it makes of the others' too, and no number of windows
+takes it out. With fluxes in the record the windows' conductivities, heat capacities and plates are put together alike.
 """
 
 from __future__ import annotations
@@ -21,73 +13,19 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import chdtrc, stdtrit
 
 from .case import Case
 from .conclude import conclude, settled_minima
-from .estimate import plain_fit
+from .estimate import fit_with_flux, plain_fit
 from .estimated import Estimate
-from .experiment import Window, large_model, window_rows
-from .free import fluxes_of
-from .quantity import NORMAL_95
+from .experiment import Window, window_rows
+from .free import fluxes_of, whole_model
+from .pooling import Mean, covariance_of, mean_of
+from .quantity import Quantity
 from .settled import Settled
 from .statespace import StateSpace
+from .thermal import Thermal, pooled_thermal
 from .wall import InputError
-
-DISAGREE = 0.05  # p under which windows do not agree
-
-
-@dataclass(frozen=True)
-class Mean:
-    """The mean of correlated values.
-
-    Arguments:
-        value, std: of the mean; std with the variance between them. quantile: 97.5 %, in `std`.
-        chi_square, freedom, p_value: of their agreement; p is NaN for a single value.
-        between: standard deviation between them beyond their own, 0 where they agree.
-        weights: of each value.
-    """
-
-    value: float
-    std: float
-    quantile: float
-    chi_square: float
-    freedom: int
-    p_value: float
-    between: float
-    weights: np.ndarray
-
-
-def mean_of(values: np.ndarray, covariance: np.ndarray, quantile: float = NORMAL_95) -> Mean:
-    """The generalised least-squares mean of values, widened where they disagree.
-
-    Arguments:
-        quantile: of each value's own interval, 97.5 %.
-    """
-    count, freedom = len(values), len(values) - 1
-
-    def mean(between: float) -> tuple[float, float, float, np.ndarray]:
-        V = covariance + between**2 * np.eye(count)
-        solved = np.linalg.solve(V, np.ones(count))
-        weights = solved / solved.sum()
-        m = float(weights @ values)
-        return m, float(1.0 / solved.sum()), float((values - m) @ np.linalg.solve(V, values - m)), weights
-
-    m, variance, chi_square, weights = mean(0.0)
-    p_value = float(chdtrc(freedom, chi_square)) if freedom else math.nan
-    if not p_value < DISAGREE:
-        return Mean(m, math.sqrt(variance), quantile, chi_square, freedom, p_value, 0.0, weights)
-    from scipy.optimize import brentq  # a quarter of a second, and only windows that disagree need it
-
-    top = 2.0 * float(np.ptp(values)) + 1e-12
-    while mean(top)[2] > freedom:
-        top *= 2.0
-    between = float(
-        brentq(lambda tau: mean(float(tau))[2] - freedom, 0.0, top, xtol=1e-9 * top, full_output=True)[1].root
-    )
-    m, variance, _, weights = mean(between)
-    wide = max(quantile, float(stdtrit(freedom, 0.975)))
-    return Mean(m, math.sqrt(variance), wide, chi_square, freedom, p_value, between, weights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +40,8 @@ class Pooled:
         interval_95: m2/s.
         reliable, reason: as of an estimate.
         covariance: of the used ones' ln(alpha).
+        thermal: what the fluxes of all used windows tell together, the average method over the whole record (its
+            longest unbroken part); None without any. conduction: the mean of their ln(conductivity).
     """
 
     windows: tuple[Window, ...]
@@ -113,6 +53,8 @@ class Pooled:
     reliable: bool
     reason: str
     covariance: np.ndarray = field(repr=False)
+    thermal: Thermal | None = None
+    conduction: Mean | None = None
 
     @property
     def value(self) -> float:
@@ -137,13 +79,18 @@ class Pooled:
         lines = [head, f"windows      {len(self.used)} of {len(self.windows)} are informative and in it"]
         if self.mean is not None and self.mean.freedom:
             lines.append(f"agreement    {self.agreement}")
+        if self.thermal is not None and self.conduction is not None and self.reliable:
+            lines.append(str(self.thermal))
+            if self.conduction.freedom:
+                lines.append(f"agreement    of the conductivity: {self.conduction.agreement}")
         for k, (fit, label) in enumerate(zip(self.fits, self.labels, strict=True)):
             if fit is None:
-                lines.append(f"  from {label}   no reading of an inner sensor")
+                lines.append(f"  from {label}   no reading of an inner sensor or a plate")
                 continue
             said = f"weight {self.weight(k):+.0%}" if k in self.used else "uninformative"
             low, high = fit.interval_95
-            lines.append(f"  from {label}   {fit.value:.4g}   (95 %: {low:.3g} to {high:.3g})   {said}")
+            through = "" if fit.thermal is None else f"   R = {_short(fit.thermal.resistance)}"
+            lines.append(f"  from {label}   {fit.value:.4g}   (95 %: {low:.3g} to {high:.3g}){through}   {said}")
         return "\n".join(lines)
 
     def weight(self, window: int) -> float:
@@ -153,16 +100,7 @@ class Pooled:
     @property
     def agreement(self) -> str:
         """Whether the windows agree, in a sentence."""
-        mean = self.mean
-        if mean is None or not mean.freedom:
-            return "nothing to compare"
-        tested = f"chi-square {mean.chi_square:.3g} on {mean.freedom} degrees of freedom, p = {mean.p_value:.2g}"
-        if not mean.between:
-            return f"{tested}: the windows agree"
-        return (
-            f"{tested}: the windows DISAGREE beyond their intervals; a variance between windows of {mean.between:.1%} "
-            "is counted, and the interval is by Student's quantile"
-        )
+        return "nothing to compare" if self.mean is None else self.mean.agreement
 
 
 def campaign(
@@ -175,49 +113,58 @@ def campaign(
 ) -> Pooled:
     """One diffusivity from all windows of a record, laid end to end, and whether they agree.
 
-    One compiled estimate serves all windows; they are taken by the large model, which knows every window's faces.
+    One compiled estimate serves all windows; they are taken by the large model, which knows every window's faces, with
+    the plates' fluxes where there are any.
 
     Arguments:
         window_days: None for the case's choice.
         windows: by hand, none over another; None for all that fit into the record's unbroken parts.
-        model: a large model at hand.
+        model: a large model at hand, the plates after the sensors.
         progress: told how many windows are done, of how many.
 
     Raises:
-        InputError: windows over one another, or a case with heat flux or more of the wall free.
+        InputError: windows over one another, or a case with more of the wall free.
     """
     if case.choices.free:
         raise InputError(
             f"[choices] free = {list(case.choices.free)}: estimate without --all-windows, or with the diffusivity alone"
         )
-    if fluxes_of(case):
-        raise InputError("fluxes are estimated from the whole record at once: estimate without --all-windows")
     rows = window_rows(case, case.choices.window_days if window_days is None else window_days)
     laid = _laid(case, rows) if windows is None else _checked(windows)
-    system = large_model(case) if model is None else model
+    system = whole_model(case) if model is None else model
     fits, settled = [], []
     for k, window in enumerate(laid):
         progress(k, len(laid))
-        there = np.isfinite(case.record.sensors[window.part]).any()
-        found = _one(case, window, system) if there else None
+        found = _one(case, window, system) if _has_reading(case, window) else None
         fits.append(None if found is None else found[0])
         settled.append(None if found is None else found[1])
     used = tuple(k for k, fit in enumerate(fits) if fit is not None and fit.reliable)
     return _pooled(case, laid, fits, [(fits[k], settled[k]) for k in used], used)
 
 
+def _has_reading(case: Case, window: Window) -> bool:
+    """Whether an inner sensor or a plate has one in a window."""
+    courses = [case.record.sensors, *(case.record.regressors[f"flux_{face}"] for face in fluxes_of(case))]
+    return any(bool(np.isfinite(course[window.part]).any()) for course in courses)
+
+
 def _one(case: Case, window: Window, system: StateSpace) -> tuple[Estimate, Settled]:
-    told = plain_fit(case, window, system, case.wall.diffusivity_prior, case.choices.eta)
-    settled, others = settled_minima(told, case.choices.eta, True, "propagator")
+    prior, eta = case.wall.diffusivity_prior, case.choices.eta
+    if fluxes_of(case):
+        return fit_with_flux(case, window, system, prior, eta)
+    told = plain_fit(case, window, system, prior, eta)
+    settled, others = settled_minima(told, eta, True, "propagator")
     return conclude(told, settled, others, 0), settled
 
 
 def _pooled(case: Case, laid, fits, informative, used: tuple[int, ...]) -> Pooled:
     """The mean of the informative windows, and whether it can be relied on."""
     mean, interval, covariance = None, (math.nan, math.nan), np.zeros((0, 0))
+    with_plates = [settled for fit, settled in informative if fit.has_flux]
+    through = pooled_thermal(case, with_plates) if with_plates else (None, None)
     reason = f"none of {len(laid)} windows is informative"
     if used:
-        covariance = covariance_of(informative)
+        covariance = _covariance(informative)
         values = np.log([fit.value for fit, _ in informative])
         mean = mean_of(values, covariance, max(settled.quantile for _, settled in informative))
         half = min(mean.quantile * mean.std, 300.0)
@@ -237,18 +184,25 @@ def _pooled(case: Case, laid, fits, informative, used: tuple[int, ...]) -> Poole
         reliable=not reason,
         reason=reason,
         covariance=covariance,
+        thermal=through[0],
+        conduction=through[1],
     )
 
 
-def covariance_of(informative: Sequence[tuple[Estimate, Settled]]) -> np.ndarray:
-    """Of the windows' ln(alpha): each one's own, and what the same constants make of all of them."""
-    shared = np.stack([settled.of_constants for _, settled in informative])
-    covariance = shared @ shared.T
-    for k, (fit, settled) in enumerate(informative):
+def _covariance(informative: Sequence[tuple[Estimate, Settled]]) -> np.ndarray:
+    """Of the windows' ln(alpha)."""
+    shared, stds = [], []
+    for fit, settled in informative:
         # an interval by the profile is wider than the curvature says
         half = 0.5 * math.log(fit.interval_95[1] / fit.interval_95[0]) / settled.quantile
-        covariance[k, k] = max(half, settled.log_std) ** 2
-    return covariance
+        stds.append(max(half, settled.log_std))
+        shared.append(settled.of_constants(np.eye(1 + settled.names.count)[0]))
+    return covariance_of(np.array(stds), np.stack(shared))
+
+
+def _short(quantity: Quantity) -> str:
+    """A quantity with its standard error."""
+    return f"{quantity.value:.4g} +- {quantity.std:.2g} {quantity.unit}"
 
 
 def _laid(case: Case, rows: int) -> list[Window]:

@@ -59,7 +59,7 @@ def _record_caption(run: Run) -> str:
 def _design(run: Run, found: Design) -> str:
     best = found.best
     return (
-        f"Sensitivity of each sensor to the diffusivity, and the criterion over start days; best are {best.rows} "
+        f"Sensitivity of each reading to the diffusivity, and the criterion over start days; best are {best.rows} "
         f"rows from {run.case.record.stamp(best.row)}."
     )
 
@@ -72,9 +72,18 @@ def _places(run: Run, found: Places) -> str:
 
 
 def _campaign(run: Run, found: Pooled) -> str:
+    through = "" if found.thermal is None else f" and {found.thermal.resistance.value:.3g} m2 K/W"
     return (
         f"Intervals of {len(found.windows)} windows, {len(found.used)} of them informative; all together "
-        f"{found.value:.4g} m2/s."
+        f"{found.value:.4g} m2/s{through}."
+    )
+
+
+def _campaign_caption(run: Run) -> str:
+    through = "" if run.campaign is None or run.campaign.thermal is None else " On the right, of the resistance."
+    return (
+        "The 95 % interval of each window (blue: informative, larger dots weigh more; grey: not in the mean), and of "
+        f"all of them together.{through}"
     )
 
 
@@ -207,8 +216,7 @@ _CAPTIONS: dict[str, tuple[str | Words, Words]] = {
         _about("places", _places),
     ),
     "campaign": (
-        "The 95 % interval of each window (blue: informative, larger dots weigh more; grey: not in the mean), and of "
-        "all of them together.",
+        _campaign_caption,
         _about("campaign", _campaign),
     ),
     "orders": (

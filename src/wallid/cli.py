@@ -197,7 +197,7 @@ def design(
         typer.Option(
             "--full",
             help="Count what the interval counts: the faces' noise, positions and the initial profile, too. (The "
-            "places of further sensors always do.)",
+            "places of further sensors, and designs with flux plates, always do.)",
         ),
     ] = False,
     add: Annotated[
@@ -209,7 +209,7 @@ def design(
     formats: Formats = "png",
 ) -> None:
     """Which days of the record tell most, what longer windows would give, and where a further sensor would help."""
-    designing = workflow.Designing(criterion, of, robust, full or of != "diffusivity", add)
+    designing = workflow.Designing(criterion, of, robust, full or of != "diffusivity" or None, add)
     carry_out(case, None, ("design", "lengths", "places"), out, json, quiet, formats, designing=designing)
 
 

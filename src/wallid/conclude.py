@@ -11,7 +11,7 @@ from .bootstrap import bootstrap
 from .case import Case
 from .estimated import Estimate
 from .experiment import Experiment, Window, fit_profile, large_model, scales
-from .free import constants_of
+from .free import constants_of, plate_outputs
 from .gauss_newton import Trace
 from .identifiability import identifiability
 from .least_squares import Fit, apart, covariance, simple_sigma
@@ -47,11 +47,12 @@ class Told:
         return np.asarray(self.data.weight) > 0
 
     def apart(self, diffusivity: float) -> np.ndarray | None:
-        """The large model's predictions less the reduced one's, K; None for the large one."""
+        """The large model's predictions less the reduced one's, K, of a flux q L / k; None for the large one."""
         if not self.reduced or not np.isfinite(diffusivity):
             return None
+        plates = plate_outputs(self.case) if self.data.observed.shape[1] > len(self.case.sensors) else []
         fourier = jnp.asarray(scales(self.case).fourier(diffusivity))
-        return np.asarray(apart(large_model(self.case), self.system, self.data, fourier))
+        return np.asarray(apart(large_model(self.case, plates), self.system, self.data, fourier))
 
     def history(self, traces: tuple[Trace, ...] = ()) -> dict[str, np.ndarray]:
         """The iterates, those of later rounds appended."""

@@ -1,6 +1,7 @@
-"""What sensors at some places of a case's wall would see in some windows of its record.
+"""What sensors at some places of a case's wall, and its flux plates, would see in some windows of its record.
 
-Nothing but the faces is taken from the record, so that sensors can be thought of where there are none.
+Nothing but the faces is taken from the record, so that sensors can be thought of where there are none. A plate reads
+`q L / k` here, K: what it says of the diffusivity does not depend on the conductivity then.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from jaxtyping import Array, Float
 
 from .case import Case
 from .experiment import dimensionless_profile, fit_profile, profile_degree, scales
-from .free import PROFILE_MODES
+from .free import PROFILE_MODES, plate_outputs
 from .likelihood import face_response
 from .lom import Output, lom
 from .simulate import run_rows
@@ -25,21 +26,22 @@ from .statespace import StateSpace
 
 @dataclass(frozen=True, eq=False)
 class Courses:
-    """What sensors at some places would see in some windows at one diffusivity.
+    """What sensors at some places, then the plates, would see in some windows at one diffusivity.
 
     Arguments:
-        temperature: degC. slope: dT/d(ln alpha), K. gradient: dT/dx, K/m.
+        temperature: degC; of a plate q L / k, K. slope: its derivative by ln(alpha), K. gradient: dT/dx at the places,
+            K/m.
         response: to 1 K more at one row of a face, 1.
         waves: the initial profile's modes as they fade, 1, each of them 1 at its start in the middle of its shape.
         faces: in each window, degC.
         places: m from the left face.
     """
 
-    temperature: Float[np.ndarray, "window time place"]
-    slope: Float[np.ndarray, "window time place"]
+    temperature: Float[np.ndarray, "window time output"]
+    slope: Float[np.ndarray, "window time output"]
     gradient: Float[np.ndarray, "window time place"]
-    response: Float[np.ndarray, "face time place"]
-    waves: Float[np.ndarray, "mode time place"]
+    response: Float[np.ndarray, "face time output"]
+    waves: Float[np.ndarray, "mode time output"]
     faces: Float[np.ndarray, "window time face"]
     places: Float[np.ndarray, " place"]
 
@@ -50,7 +52,7 @@ class Courses:
 
 
 class Model:
-    """A case's large model with temperatures and gradients at some places.
+    """A case's large model with temperatures at some places, its plates, and gradients at these places.
 
     Arguments:
         places: m from the left face.
@@ -59,7 +61,8 @@ class Model:
 
     def __init__(self, case: Case, places: Sequence[float], refine: int = 1):
         self.case, self.refine, self.places = case, refine, np.asarray(places, dtype=float)
-        outputs = [Output(x) for x in places] + [Output(x, "gradient") for x in places]
+        self.outputs = [*(Output(x) for x in places), *plate_outputs(case)]
+        outputs = [*self.outputs, *(Output(x, "gradient") for x in places)]
         self.system = lom(case.wall, outputs, nodes=case.choices.nodes, profile_degree=profile_degree(case)).modal()
         self.scale = scales(case)
 
@@ -86,16 +89,16 @@ class Model:
             jnp.asarray(scale.dimensionless(faces)),
             jnp.asarray(initial),
         )
-        P, modes = len(self.places), min(PROFILE_MODES, case.choices.nodes - 2)
+        P, outputs, modes = len(self.places), len(self.outputs), min(PROFILE_MODES, case.choices.nodes - 2)
         rates = np.asarray(self.system.A)[::-1][:modes]
-        shapes = np.asarray(self.system.C)[:P, ::-1][:, :modes]
+        shapes = np.asarray(self.system.C)[:outputs, ::-1][:, :modes]
         fade = np.exp(fourier * step * np.outer(rates, np.arange(faces.shape[1])))
         u = np.asarray(u)
         return Courses(
-            temperature=scale.celsius(u[:, :, :P]),
-            slope=scale.temperature * fourier * np.asarray(theta)[:, :, :P],
-            gradient=scale.temperature / case.wall.length * u[:, :, P:],
-            response=np.asarray(response)[:, :, :P],
+            temperature=np.concatenate([scale.celsius(u[:, :, :P]), scale.temperature * u[:, :, P:outputs]], axis=2),
+            slope=scale.temperature * fourier * np.asarray(theta)[:, :, :outputs],
+            gradient=scale.temperature / case.wall.length * u[:, :, outputs:],
+            response=np.asarray(response)[:, :, :outputs],
             waves=fade[:, :, None] * shapes.T[:, None, :],
             faces=faces,
             places=self.places,

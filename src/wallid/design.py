@@ -6,9 +6,10 @@ For the window of rows `W` and the readings' standard deviations `sigma`::
 
 with `dT/dalpha = theta T_ref t_ref / L^2` and b the constant offsets of the sensors whose case states
 an `offset_std` sigma_b: they are projected out, and with them what they make of the initial profile,
-which is fitted through the readings. With one parameter the D-criterion `det F` is I, and so are A and E.
-The paper integrates over time where readings are what counts, and takes one sigma. With `full=True` everything counts
-that the estimate's interval counts (`information`).
+which is fitted through the readings. Flux plates are outputs like any other, and b holds ln(conductivity)
+and each one's calibration beside the offsets. With one parameter the D-criterion `det F` is I, and so
+are A and E. The paper integrates over time where readings are what counts, and takes one sigma. With
+`full=True` everything counts that the estimate's interval counts (`information`).
 
 Source: Berger and Kadoch, Section 4.1; Ucinski, Optimal Measurement Methods (2004).
 """
@@ -25,14 +26,23 @@ from jax.sharding import Mesh
 from ._fields import one_of
 from ._units import DAY
 from .case import Case
-from .experiment import Window, experiment, large_model, scales, window_rows
+from .experiment import Window, large_model, scales, window_rows
+from .free import plate_outputs
 from .information import HOPELESS, Criterion, Of, Robust, alphas_of, check_words, merit
 from .record import Record
 from .simulate import Integrator
 from .statespace import StateSpace
 from .sweeps import Sweep
 from .wall import InputError
-from .windows import cut_information, full_sizes, start_profiles, window_information
+from .windows import (
+    Plates,
+    counts_all,
+    cut_information,
+    full_sizes,
+    start_profiles,
+    watched,
+    window_information,
+)
 
 
 @dataclass(frozen=True)
@@ -102,10 +112,10 @@ class Design:
         if not self.informative:
             return (
                 f"no window of {self.rows} rows tells anything about the diffusivity: the faces stand still, "
-                "or no inner sensor has a reading while they move"
+                "or no inner sensor or plate has a reading while they move"
             )
         near = int(np.sum(self.merit >= 0.98))
-        counted = "all that the interval counts" if self.full else "the sensors' noise alone"
+        counted = "all that the interval counts" if self.full else "the readings' noise alone"
         return (
             f"best window  {self.labels[0]} to {self.labels[1]} ({self.rows} rows), of {len(self.starts)} candidates\n"
             f"criterion    {self._words()}; {near} candidate(s) within 2 % of the largest\n"
@@ -131,7 +141,7 @@ def design(
     criterion: Criterion = "D",
     of: Of = "diffusivity",
     robust: Robust = "no",
-    full: bool = False,
+    full: bool | None = None,
 ) -> Design:
     """The best window of a case's record, by the large model at the prior diffusivity.
 
@@ -146,19 +156,21 @@ def design(
             goes along a straight line).
         sweep, mesh: how the windows are gone through, see `wallid.sweep`; the same numbers.
         integrator: how the windows' rows are stepped through.
-        model: a large model at hand, to spare building it.
+        model: a large model at hand, to spare building it; the plates' fluxes after the sensors.
         criterion, of: one number for the information on the "diffusivity", for which D, A and E are the same, on it
             and the "constants" (offsets and position errors), or on "all" that the estimate leaves free, the initial
             profile too; the last two need `full`.
         robust: "expected" or "worst" over the diffusivities, each window's criterion over the best one's at each.
         full: count all that the estimate's interval counts, the faces' noise, positions and the initial profile too
-            (as stated, white), and not the readings' own noise and offsets alone.
+            (as stated, white), and not the readings' own noise and constants alone; None for where there are plates.
 
     Raises:
-        InputError: a window that the record does not hold, an unknown choice, or choices that do not go together.
+        InputError: a window that the record does not hold, an unknown choice, choices that do not go together, or
+            neither a sensor nor a plate.
     """
     one_of("sweep", sweep, ("map", "vmap"))
     check_words(criterion, of, robust)
+    full = counts_all(case, full) and (restart or full is not None)
     if (of != "diffusivity" and not full) or (full and not restart):
         raise InputError(
             f'of = "{of}" needs full = True: only then are the other parameters counted'
@@ -173,9 +185,9 @@ def design(
     starts = candidate_starts(record, rows, every_rows)
     alphas = alphas_of(case, diffusivities, robust)
     sizes = None
-    system = large_model(case) if model is None else model
+    system = large_model(case, plate_outputs(case)) if model is None else model
     scale = scales(case)
-    data = experiment(case)
+    data, plates = watched(case), Plates.of(case, (rows,))
     fourier = jnp.asarray([scale.fourier(alpha) for alpha in alphas])
     per_alpha = scale.fourier(1.0) * scale.temperature
     if full:
@@ -189,6 +201,7 @@ def design(
             data,
             jnp.asarray(starts),
             profiles,
+            plates,
             rows=(rows,),
             sweep=sweep,
             integrator=integrator,
@@ -196,7 +209,7 @@ def design(
         )[:, :, 0]
         information = np.asarray(info) * per_alpha**2
     else:
-        info = cut_information(system, fourier, data, jnp.asarray(starts), rows=rows, integrator=integrator)
+        info = cut_information(system, fourier, data, jnp.asarray(starts), plates, rows=rows, integrator=integrator)
         information = np.asarray(info) * per_alpha**2
     if sizes is None and robust != "no":  # on ln(alpha), as diffusivities are compared
         sizes = information * np.square(alphas)[:, None]

@@ -60,6 +60,16 @@ def depth_columns(slope: np.ndarray, gradient: np.ndarray, x: np.ndarray, length
     return np.stack([stretched - (1.0 - x / length) * gradient, -stretched - x / length * gradient])
 
 
+def flux_columns(slope: np.ndarray, flux: np.ndarray, length: float) -> np.ndarray:
+    """The same of fluxes, over conductivity / length: K/m.
+
+    Arguments:
+        slope: d(q L / k)/d(ln alpha), K. flux: q L / k, K.
+    """
+    further = 2.0 / length * slope + flux / length
+    return np.stack([further, -further])
+
+
 def faces_elsewhere(case: Case, data: Experiment, diffusivity: float, large: StateSpace) -> np.ndarray:
     """What one prior standard deviation to the right of each face's sensor adds to the outputs, K.
 
@@ -71,6 +81,6 @@ def faces_elsewhere(case: Case, data: Experiment, diffusivity: float, large: Sta
     u, theta = (kelvin * np.asarray(one) for one in explicit(large, jnp.asarray(fourier), data))
     channels = u.shape[1] - sensors
     slope, gradient = fourier * theta[:, :channels], u[:, channels:] / length
-    fluxes = 2.0 / length * slope[:, sensors:] + u[:, sensors:channels] / length
+    through = flux_columns(slope[:, sensors:], u[:, sensors:channels], length)
     inside = depth_columns(slope[:, :sensors], gradient, places, length)
-    return case.record.face_position_std * np.concatenate([inside, np.stack([fluxes, -fluxes])], axis=2)
+    return case.record.face_position_std * np.concatenate([inside, through], axis=2)

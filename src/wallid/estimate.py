@@ -36,6 +36,7 @@ from .least_squares import fit_experiment, paper_sigma
 from .likelihood import HIGHEST, LOWEST
 from .mim import Learned
 from .sensitivity import explicit
+from .settled import Settled
 from .simulate import Integrator
 from .statespace import StateSpace
 from .thermal import thermal
@@ -74,7 +75,8 @@ def estimate(
     Arguments:
         window: None for the whole record, or its longest unbroken part.
         model: None for the case's choice: the large model, or a reduced one learned for the window. With heat flux in
-            the record, or with more of the wall free (`[choices] free`), the large model is taken, whatever is given.
+            the record the large model is taken, unless the one given has the plates' outputs too (`learn` with
+            `plates`); with more of the wall free (`[choices] free`) it is, whatever is given.
         start: m2/s; None for the case's prior.
         weights: the full covariance of the readings, or the paper's plain sum of squares, whose standard error
             takes the paper's simple sigma for white noise.
@@ -97,11 +99,18 @@ def estimate(
     check_unbroken(case, window)
     if case.choices.free and weights == "none":
         raise InputError('[choices] free: --weights none estimates the diffusivity alone; take "noise"')
+    eta = case.choices.eta if eta is None else eta
+    if weights == "none" and not case.sensors:
+        raise InputError(f"{case.path}: no [[sensor]]: --weights none takes temperatures inside the wall, not fluxes")
     if (fluxes_of(case) or case.choices.free) and weights == "noise":
-        return _by_large_model(case, window, start, eta, sensitivity == "explicit", integrator, draws)
+        if model is None or case.choices.free or not _has_plates(case, model):
+            model = whole_model(case)
+        return fit_with_flux(
+            case, window, model, start, eta,
+            explicit_theta=sensitivity == "explicit", integrator=integrator, draws=draws,
+        )[0]  # fmt: skip
     if model is None:
         model = large_model(case) if case.choices.model == "lom" else learn(case, window, integrator=integrator)
-    eta = case.choices.eta if eta is None else eta
     told = plain_fit(
         case, window, model, start, eta, weighted=weights == "noise", sensitivity=sensitivity, integrator=integrator
     )
@@ -126,8 +135,9 @@ def plain_fit(
 
     Arguments: as in `estimate`.
     """
-    system = model.system if isinstance(model, Learned) else model
+    system, words, reduced = _named(case, model)
     check_driven(system, case, window)
+    system = system.select(list(range(len(case.sensors))))
     data = experiment(case, window, weighted=weighted)
     fit = fit_experiment(
         system,
@@ -139,33 +149,50 @@ def plain_fit(
         integrator=integrator,
         max_iterations=case.choices.max_iterations,
     )
-    reduced = isinstance(model, Learned) or system.order < case.choices.nodes - 2
-    words = f"{'reduced' if reduced else 'large'} model of order {system.order}"
     return Told(case, window, data, system, fit, reduced, words)
 
 
-def _by_large_model(
+def _has_plates(case: Case, model: StateSpace | Learned) -> bool:
+    """Whether a model gives out what the case's sensors and plates read."""
+    system = model.system if isinstance(model, Learned) else model
+    return system.C.shape[0] == len(case.sensors) + len(fluxes_of(case))
+
+
+def _named(case: Case, model: StateSpace | Learned) -> tuple[StateSpace, str, bool]:
+    """A model's system, what it is in words, and whether it is a reduced one."""
+    system = model.system if isinstance(model, Learned) else model
+    reduced = isinstance(model, Learned) or system.order < case.choices.nodes - 2
+    return system, f"{'reduced' if reduced else 'large'} model of order {system.order}", reduced
+
+
+def fit_with_flux(
     case: Case,
     window: Window,
+    model: StateSpace | Learned,
     start: float,
-    eta: float | None,
-    explicit_theta: bool,
-    integrator: Integrator,
-    draws: int,
-) -> Estimate:
-    """The estimate of a case with heat flux, or with more of the wall free: no reduced model learns either."""
-    data, system = experiment(case, window), whole_model(case)
-    plates = fluxes_of(case)
-    words = f"large model of order {system.order}"
+    eta: float,
+    *,
+    explicit_theta: bool = True,
+    integrator: Integrator = "propagator",
+    draws: int = 0,
+) -> tuple[Estimate, Settled]:
+    """The estimate of a case with heat flux, or with more of the wall free.
+
+    Arguments:
+        model: its outputs are the sensors, then the plates: `whole_model`, or a reduced one; the others as in
+            `estimate`.
+    """
+    plates, (system, words, reduced) = fluxes_of(case), _named(case, model)
+    check_driven(system, case, window)
     words += f", with the flux of the {' and the '.join(plates)} face" if plates else ""
     words += f", free: {', '.join(case.choices.free).replace('_', ' ')}" if case.choices.free else ""
-    told = Told(case, window, with_flux(case, window, data), system, None, False, words)
-    eta = case.choices.eta if eta is None else eta
+    data = with_flux(case, window, experiment(case, window))
+    told = Told(case, window, data, system, None, reduced, words)
     settled, others = settled_minima(told, eta, explicit_theta, integrator, start)
     fit = conclude(told, settled, others, draws)
     steps = int(settled.minimum.trace.count) - 1
     found = thermal(case, window, settled) if plates else None
-    return replace(fit, thermal=found, iterations=steps, evaluations=steps + 1)
+    return replace(fit, thermal=found, iterations=steps, evaluations=steps + 1), settled
 
 
 def check_draws(draws: int, weights: str = "noise") -> None:
@@ -197,7 +224,7 @@ def seconds_of_estimate(case: Case, window: Window, model: StateSpace) -> float:
 
 
 def theta_kelvin(system: StateSpace, case: Case, window: Window, diffusivity: float) -> np.ndarray:
-    """`dT/d(ln alpha)` at the sensors over a window, K, `(time, sensor)`."""
+    """`dT/d(ln alpha)` at a model's outputs over a window, K, `(time, output)`; of a flux that of q L / k."""
     fourier = scales(case).fourier(diffusivity)
     _, theta = explicit(system, fourier, experiment(case, window))
     return np.asarray(theta) * fourier * scales(case).temperature

@@ -124,6 +124,11 @@ class Estimate:
         """How many columns of `residual` are temperatures."""
         return self.residual.shape[1] - (0 if self.thermal is None else len(self.thermal.gains))
 
+    @property
+    def has_flux(self) -> bool:
+        """Whether a flux told anything."""
+        return bool(np.isfinite(self.residual[:, self.sensors :]).any())
+
     def _left(self) -> str:
         """The residual's size."""
         parts = (self.residual[:, : self.sensors], "K"), (self.residual[:, self.sensors :], "W/m2")

@@ -252,8 +252,8 @@ def large_model(case: Case, extra: Sequence[Output] = ()) -> StateSpace:
     """
     if not case.sensors and not extra:
         raise InputError(
-            f"{case.path}: no [[sensor]]: this needs a temperature inside the wall; `wallid estimate` and `wallid run` "
-            "take a case with heat flux alone"
+            f"{case.path}: no [[sensor]]: this needs a temperature inside the wall; `wallid run`, `wallid design` and "
+            "`wallid estimate` take a case with heat flux alone"
         )
     sensors = [Output(sensor.position, name=sensor.name) for sensor in case.sensors]
     degree = profile_degree(case)

@@ -19,8 +19,10 @@ from .discrepancy.extend import Fit
 from .discrepancy.locate import Remainder
 from .estimate import theta_kelvin
 from .experiment import Window, diagnosed, large_model, whole
+from .free import plate_outputs
 
 if TYPE_CHECKING:
+    from .campaign import Pooled
     from .workflow import Run
 
 STEMS = (
@@ -110,9 +112,7 @@ def figures(run: Run) -> Iterator[tuple[str, Figure]]:
             plot.orders(ax, run.orders)
             yield "orders", made
         if run.campaign is not None:
-            made, ax = plot.figure(height=1.6 + 0.22 * min(len(run.campaign.windows), 40))
-            plot.forest(ax, run.campaign)
-            yield "campaign", made
+            yield "campaign", _campaign_figure(run.campaign)
         if run.fit is not None:
             yield "estimate", _estimate_figure(run) if run.case.sensors else _convergence_figure(run)
         if run.fit is not None and run.fit.thermal is not None:
@@ -160,14 +160,21 @@ def narrow(run: Run) -> Iterator[tuple[str, Figure]]:
 
 
 def _design_figure(run: Run) -> Figure:
+    """How far each reading would move, then the criterion, then what longer windows would give."""
     assert run.design is not None
-    made, axes = plot.figure(2 if run.lengths is None else 3, height=2.4)
+    sensors, plates = len(run.case.sensors), plate_outputs(run.case)
+    shown = (sensors > 0) + (len(plates) > 0)
+    made, axes = plot.figure(shown + (1 if run.lengths is None else 2), height=2.4)
     window = whole(run.case)
-    sensitivity = theta_kelvin(large_model(run.case), run.case, window, run.design.diffusivities[0])
-    plot.theta(axes[0], run.case, run.case.record.days[window.part], sensitivity)
-    plot.criterion(axes[1], run.design)
+    moved = theta_kelvin(large_model(run.case, plates), run.case, window, run.design.diffusivities[0])
+    days = run.case.record.days[window.part]
+    if sensors:
+        plot.theta(axes[0], run.case, days, moved[:, :sensors])
+    if plates:
+        plot.flux_theta(axes[shown - 1], run.case, days, moved[:, sensors:])
+    plot.criterion(axes[shown], run.design)
     if run.lengths is not None:
-        plot.compromise(axes[2], run.lengths)
+        plot.compromise(axes[shown + 1], run.lengths)
     return made
 
 
@@ -179,6 +186,21 @@ def _estimate_figure(run: Run) -> Figure:
     plot.measured_against_simulated(axes[1, 0], run.case, run.fit, theta, legend=False)
     plot.residual(axes[1, 1], run.case, run.fit, theta, legend=False)
     shared_legend(made, axes[1, 0])
+    return made
+
+
+def _campaign_figure(found: Pooled) -> Figure:
+    """Every window's diffusivity, and its resistance beside it where fluxes told any."""
+    height = 1.6 + 0.22 * min(len(found.windows), 40)
+    if found.thermal is None:
+        made, ax = plot.figure(height=height)
+        plot.forest(ax, found)
+        return made
+    made, axes = plot.figure(1, 2, width=9.0, height=height)
+    plot.forest(axes[0], found, legend=False)
+    plot.resistance_forest(axes[1], found, legend=False)
+    axes[1].set(ylabel="", yticklabels=[])
+    shared_legend(made, axes[0])
     return made
 
 

@@ -33,6 +33,7 @@ from .wall import SIDES
 PROFILE_MODES = 8
 FLUX_NOISE_STD = 1.0  # W/m2
 FLUX_GAIN_STD = 0.05  # as ISO 9869-1 expects of a calibrated plate
+CONDUCTIVITY_STD = 3.0  # of ln(conductivity): wide
 _LEAST_SPAN = 1.0  # K, of the temperatures that the initial profile may lie between
 _SMOOTHED = 9  # frequencies
 _FADED = 0.01  # of a wave of the initial profile that is gone
@@ -176,6 +177,7 @@ def free_at(
         mode_std=window_span(case, window) / np.arange(1, modes + 1),
         flux=np.full(len(names.fluxes), conductivity / case.wall.length * float(data.temperature)),
         gain_std=np.full(len(names.fluxes), flux_gain_std(case)),
+        log_std=CONDUCTIVITY_STD,
     )
 
 
@@ -231,23 +233,52 @@ def flux_gain_std(case: Case) -> float:
     return FLUX_GAIN_STD if stated is None else stated
 
 
-def with_flux(case: Case, window: Window, data: Experiment) -> Experiment:
-    """The experiment with the plates' readings after the sensors', W/m2.
+def first_conductivity(case: Case, window: Window) -> float:
+    """Where to begin, W/m/K: what the case states, else mean fluxes over the mean drop of temperature, else 1."""
+    if case.wall.effective_conductivity is not None:
+        return case.wall.effective_conductivity
+    part = case.record.window(window.row, window.rows)
+    fluxes = [part.regressors[f"flux_{face}"] for face in fluxes_of(case)]
+    drop = float(np.mean(part.faces[:, 0] - part.faces[:, 1]))
+    read = np.concatenate([flux[np.isfinite(flux)] for flux in fluxes])
+    found = float(read.mean()) / drop * case.wall.length if len(read) and abs(drop) > 1e-3 else 1.0
+    return float(np.clip(found, 1e-3, 1e3)) if math.isfinite(found) and found > 0 else 1.0
 
-    Their first rows are left out, until the initial profile's waves that are shorter than its free modes have faded
-    (at the prior diffusivity, to a hundredth): a face's flux feels them more than any sensor inside.
+
+def untold_rows(case: Case, rows: int, step: float) -> int:
+    """How many rows of a window, `step` s apart, plates do not tell of: at least one, and no more than a tenth.
+
+    Until the initial profile's waves that are shorter than its free modes have faded (at the prior diffusivity, to a
+    hundredth): a face's flux feels them more than any sensor inside.
     """
+    fade = math.log(1.0 / _FADED) * case.wall.length**2 / ((PROFILE_MODES + 1) * math.pi) ** 2
+    return int(np.clip(np.ceil(fade / case.wall.diffusivity_prior / step), 1, max(1, rows // 10)))
+
+
+def flux_readings(case: Case, window: Window) -> np.ndarray:
+    """The plates' readings in a window, W/m2, NaN where there is none or it is not used, `(time, flux)`."""
+    read = [case.record.regressors[f"flux_{face}"][window.part] for face in fluxes_of(case)]
+    flux = np.stack(read, axis=1) if read else np.zeros((window.rows, 0))
+    untold = np.arange(window.rows) < untold_rows(case, window.rows, case.record.step)
+    return np.where(untold[:, None], np.nan, flux)
+
+
+def with_flux(case: Case, window: Window, data: Experiment) -> Experiment:
+    """The experiment with the plates' readings after the sensors', W/m2, their first rows left out (`untold_rows`)."""
     plates = fluxes_of(case)
     if not plates or data.observed.shape[1] > len(case.sensors):  # none, or they are there
         return data
-    part = case.record.window(window.row, window.rows)
-    flux = np.stack([part.regressors[f"flux_{face}"] for face in plates], axis=1)
-    fade = math.log(1.0 / _FADED) * case.wall.length**2 / ((PROFILE_MODES + 1) * math.pi) ** 2
-    first = int(np.clip(np.ceil(fade / case.wall.diffusivity_prior / part.step), 1, window.rows // 10))
-    there = np.isfinite(flux) & (np.arange(window.rows) >= first)[:, None]
+    flux = flux_readings(case, window)
+    there = np.isfinite(flux)
     observed = np.concatenate([np.asarray(data.observed), np.where(there, flux, 0.0)], axis=1)
     weight = np.concatenate([np.asarray(data.weight), there / flux_noise_std(case)], axis=1)
     return eqx.tree_at(lambda d: (d.observed, d.weight), data, (jnp.asarray(observed), jnp.asarray(weight)))
+
+
+def plate_outputs(case: Case) -> list[Output]:
+    """What a model gives out for the case's plates."""
+    places = {"left": 0.0, "right": case.wall.length}
+    return [Output(places[face], "flux", f"flux_{face}") for face in fluxes_of(case)]
 
 
 def whole_model(case: Case, structure: np.ndarray | None = None, *, gradients: bool = False) -> StateSpace:
@@ -257,9 +288,7 @@ def whole_model(case: Case, structure: np.ndarray | None = None, *, gradients: b
         structure: where the wall's own parameters are that are free, prior standard deviations; None for 0.
         gradients: at the sensors come last.
     """
-    places = {"left": 0.0, "right": case.wall.length}
-    more = [Output(places[face], "flux", f"flux_{face}") for face in fluxes_of(case)]
-    more += [Output(sensor.position, "gradient") for sensor in case.sensors if gradients]
+    more = [*plate_outputs(case), *(Output(sensor.position, "gradient") for sensor in case.sensors if gradients)]
     names = structure_of(case)
     if not names:
         return large_model(case, more)

@@ -9,6 +9,8 @@ import numpy as np
 
 from .case import Case
 from .experiment import STILL, HasBest, Window, as_window, dimensionless_profile, large_model, profile_degree, scales
+from .free import flux_noise_std, plate_outputs
+from .looking import conductance_of
 from .mim import Learned, Signals, choose_order, learn_system
 from .simulate import Integrator
 from .wall import InputError
@@ -21,6 +23,7 @@ def learn(
     window: Window | HasBest,
     order: int | Literal["auto"] | None = None,
     *,
+    plates: bool | None = None,
     tied: bool = True,
     integrator: Integrator = "propagator",
     on_try: Callable[[Learned], None] = lambda learned: None,
@@ -30,6 +33,8 @@ def learn(
     Arguments:
         order: None for the case's; "auto" for the smallest whose error is under a tenth of the
             smallest noise and whose sensitivity is within 1 %.
+        plates: whether the faces' fluxes are outputs too, after the sensors; None for where there is no sensor. A flux
+            needs faster modes than a temperature inside, which of the same order then knows less.
         tied: one H for field and sensitivity; False leaves H_theta free (the paper).
         integrator: how the signals' rows are stepped through.
         on_try: with "auto", told of each order.
@@ -39,10 +44,12 @@ def learn(
     """
     window = as_window(window)
     order = case.choices.order if order is None else order
-    lom, signals = large_model(case), learning_signals(case, window)
+    outputs = plate_outputs(case) if plates or (plates is None and not case.sensors) else []
+    lom, signals = large_model(case, outputs), learning_signals(case, window)
     if order == "auto":
-        noise = min(sensor.noise_std for sensor in case.sensors)
-        tolerance = 0.1 * noise / scales(case).temperature
+        noise = [sensor.noise_std for sensor in case.sensors]
+        noise += [flux_noise_std(case) / conductance_of(case)] if outputs else []
+        tolerance = 0.1 * min(noise) / scales(case).temperature
         return choose_order(lom, signals, tolerance=tolerance, tied=tied, integrator=integrator, on_try=on_try)
     return learn_system(lom, order, signals, tied=tied, integrator=integrator)
 

@@ -8,11 +8,24 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
+from ._columns import FEWEST_ROWS
 from .case import Case
 from .design import candidate_starts
-from .experiment import Window, experiment, large_model, scales, window_rows
+from .experiment import Window, large_model, scales, whole, window_rows
+from .free import plate_outputs
 from .information import Criterion, Of, Robust, alphas_of, check_words, merit
-from .windows import full_sizes, start_profiles, window_information
+from .windows import Plates, counts_all, full_sizes, start_profiles, watched, window_information
+
+_DAYS = (1.0, 2.0, 3.0, 5.0, 10.0)
+_MOST_ROWS = 20_000  # past this, one length costs seconds
+
+
+def days_within(case: Case) -> tuple[float, ...]:
+    """Lengths to compare that fit into half the record at least once, days; none of a very long record."""
+    if case.record.rows > _MOST_ROWS:
+        return ()
+    rows = {days: case.record.rows_per(days) for days in _DAYS}
+    return tuple(days for days in _DAYS if FEWEST_ROWS <= rows[days] <= whole(case).rows // 2)
 
 
 @dataclass(frozen=True)
@@ -34,15 +47,16 @@ class Lengths:
         for days, criterion, seconds in zip(self.days, self.criterion, self.seconds, strict=True):
             cost = "" if np.isnan(seconds) else f"   {1e3 * seconds:6.2f} ms"
             lines.append(f"  {days:6.2f} days   criterion {criterion:5.3f}{cost}")
-        return "\n".join(["lengths      the best window of each, and what its estimate costs", *lines])
+        costs = ", and what its estimate costs" if np.isfinite(self.seconds).any() else ""
+        return "\n".join([f"lengths      the best window of each{costs}", *lines])
 
 
 def lengths(
     case: Case,
     days: Sequence[float],
-    cost: Callable[[Window], float],
+    cost: Callable[[Window], float] | None = None,
     *,
-    full: bool = False,
+    full: bool | None = None,
     criterion: Criterion = "D",
     of: Of = "diffusivity",
     robust: Robust = "no",
@@ -53,7 +67,7 @@ def lengths(
 
     Arguments:
         cost: seconds of an estimate from a window, such as `seconds_of_estimate` measures; asked for the shortest, the
-            middle and the longest, which each compile an estimate of their own.
+            middle and the longest, which each compile an estimate of their own; None for no cost.
         full, criterion, of, robust, diffusivities: as in `design`.
         on_length: told of each length when it is done.
     """
@@ -61,20 +75,22 @@ def lengths(
     rows = tuple(window_rows(case, length) for length in days)
     starts = candidate_starts(case.record, min(rows), None)
     alphas = alphas_of(case, diffusivities, robust)
-    if full:
+    if counts_all(case, full):
         information = full_sizes(case, starts, rows, alphas, criterion, of)[0]
     else:
         fourier = jnp.asarray([scales(case).fourier(alpha) for alpha in alphas])
-        profiles, system = start_profiles(case, starts), large_model(case)
-        found = window_information(system, fourier, experiment(case), jnp.asarray(starts), profiles, rows=rows)
+        profiles, system = start_profiles(case, starts), large_model(case, plate_outputs(case))
+        data, plates = watched(case), Plates.of(case, rows)
+        found = window_information(system, fourier, data, jnp.asarray(starts), profiles, plates, rows=rows)
         information = np.asarray(found) * np.square(np.asarray(fourier))[:, None, None]
-    best, seconds, asked = [], np.full(len(days), np.nan), {0, len(days) // 2, len(days) - 1}
+    best, seconds = [], np.full(len(days), np.nan)
+    asked = {0, len(days) // 2, len(days) - 1}
     for k, length in enumerate(days):
         there = np.flatnonzero(case.record.holds(starts, rows[k]))
         sizes = information[:, there, k]
         at = int(np.argmax(merit(sizes, robust)))
         best.append(sizes[:, at])
-        if k in asked:
+        if cost is not None and k in asked:
             seconds[k] = cost(Window(int(starts[there[at]]), rows[k]))
         on_length(length)
     return Lengths(np.asarray(days, float), merit(np.array(best).T, robust), seconds)

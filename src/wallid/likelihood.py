@@ -110,11 +110,16 @@ class Problem(eqx.Module):
         shaped = decay @ free.shapes.T
         if not free.fluxes:
             return data.celsius(u) + added + shaped
-        thermal, sensors = y[1 + columns + modes :], u.shape[1] - free.fluxes
+        sensors = u.shape[1] - free.fluxes
         inside = data.celsius(u[:, :sensors]) + added[:, :sensors] + shaped[:, :sensors]
-        scale = free.flux * jnp.exp(free.log_std * thermal[0]) * (1.0 + free.gain_std * thermal[1:])
-        through = scale * (u + (shaped + added) / data.temperature)[:, sensors:]
+        through = self.flux_scale(y) * (u + (shaped + added) / data.temperature)[:, sensors:]
         return jnp.concatenate([inside, through], axis=1)
+
+    def flux_scale(self, y: Float[Array, " param"]) -> Float[Array, " flux"]:
+        """What each plate reads of a flux of 1 of the model's output, W/m2."""
+        thermal = y[y.shape[0] - 1 - self.free.fluxes :]
+        scale = jnp.exp(self.free.log_std * thermal[0]) * (1.0 + self.free.gain_std * thermal[1:])
+        return self.free.flux * scale
 
     def binned(self, y: Float[Array, " param"]) -> tuple[Float[Array, " reading"], Float[Array, "time sensor"]]:
         """The readings in their bins, degC, 0 in an empty one; and the readings at the rows."""

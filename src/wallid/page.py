@@ -127,10 +127,11 @@ def _answer(run: Run, result: dict[str, Any]) -> str:
     if run.unreliable:
         return f"This record gives no number to rely on: {run.unreliable}."
     if run.campaign is not None:
-        low, high = run.campaign.interval_95
+        (low, high), told = run.campaign.interval_95, run.campaign.thermal
+        through = "" if told is None else f", and a resistance from face to face of {told.resistance}"
         return (
             f"{len(run.campaign.used)} of {len(run.campaign.windows)} windows are informative, and together they give "
-            f"{low:.4g} to {high:.4g} m2/s (95 %): {run.campaign.agreement}."
+            f"{low:.4g} to {high:.4g} m2/s (95 %){through}: {run.campaign.agreement}."
         )
     if run.fit is not None and run.fit.thermal is not None:
         told = run.fit.thermal

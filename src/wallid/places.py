@@ -2,8 +2,9 @@
 
     M(x) = M + Jt' Jt,      Jt = L_x^-1 (J_x - R_x R^-1 J),      L_x L_x' = R_xx - R_x R^-1 R_x'
 
-A further sensor at x adds what its readings tell beyond those that are there: the faces' noise, offsets and position
-errors, its own too, are counted as the interval counts them. Several are found one after the other (greedily).
+A further sensor at x adds what its readings tell beyond those that are there, flux plates among them: the faces'
+noise, offsets and position errors, its own too, are counted as the interval counts them. Several are found one after
+the other (greedily).
 
 Source: D. Ucinski, Optimal Measurement Methods for Distributed Parameter System Identification (2004).
 """
@@ -19,21 +20,9 @@ from .case import Case
 from .courses import Model
 from .design import criterion_words
 from .experiment import HasBest, Window, as_window, check_unbroken, whole
-from .information import (
-    Criterion,
-    Looking,
-    Of,
-    Robust,
-    alphas_of,
-    check_words,
-    fisher,
-    kept,
-    like,
-    merit,
-    rows_per_bin,
-    std_of,
-    told,
-)
+from .free import flux_readings
+from .information import Criterion, Of, Robust, alphas_of, check_words, fisher, kept, like, merit, std_of, told
+from .looking import Looking, rows_per_bin
 from .wall import InputError, Sensor
 
 _CANDIDATES = 19  # evenly between the faces
@@ -171,7 +160,7 @@ def sensor_places(
     sensor = like(case.sensors, noise_std=noise_std, position_std=position_std, offset_std=offset_std)
     there = [s.position for s in case.sensors]
     model = Model(case, [*there, *candidates])
-    bin_rows = rows_per_bin(window.rows * (len(there) + count))
+    bin_rows = rows_per_bin(window.rows * (len(model.outputs) - len(candidates) + count))
     looks = []
     for alpha in alphas:
         courses = model.courses(np.array([window.row]), window.rows, alpha)
@@ -209,11 +198,12 @@ class _Look:
     """The window at one diffusivity with the sensors that there are, and those added."""
 
     def __init__(self, case: Case, looking: Looking, of: Of):
-        row = int(looking.starts[0])
-        present = np.isfinite(case.record.sensors[row : row + looking.rows])
+        window = Window(int(looking.starts[0]), looking.rows)
+        present, read = (np.isfinite(x) for x in (case.record.sensors[window.part], flux_readings(case, window)))
         self.logged = np.asarray(present.any(axis=1))  # a further sensor has its readings when any of the others has
         self.looking = looking
         self.seen = [(s, looking.seen(0, s, sensor, present[:, s])) for s, sensor in enumerate(case.sensors)]
+        self.seen += looking.plates(0, read)
         self.matrix = self._fisher(self.seen)
         self.kept = kept(of, [one for _, one in self.seen])
         self.std_before = std_of(self.matrix)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from ._legend import shared_legend
 from ._style import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SENSORS, SKY, STYLE, YELLOW, colour, figure, style
-from .plot_campaign import forest
+from .plot_campaign import forest, resistance_forest
 from .plot_design import compromise, criterion, sampling, sensor_places
 from .plot_discrepancy import (
     confusability,
@@ -27,7 +27,7 @@ from .plot_estimate import (
     residual,
 )
 from .plot_flux import flux_density, flux_interval, flux_residual, measured_flux
-from .plot_model import orders, theta
+from .plot_model import flux_theta, orders, theta
 from .plot_record import coverage, record
 from .plot_reliability import density, flux, last_week, loads, uncertainty
 from .plot_remainder import (
@@ -65,6 +65,7 @@ __all__ = [
     "flux_density",
     "flux_interval",
     "flux_residual",
+    "flux_theta",
     "forest",
     "hourly_residual",
     "initial_profile",
@@ -78,6 +79,7 @@ __all__ = [
     "record",
     "residual",
     "residual_map",
+    "resistance_forest",
     "sampling",
     "sensor_places",
     "shared_colour_bar",

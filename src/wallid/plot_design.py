@@ -35,12 +35,16 @@ def criterion(ax: Axes, design: Design) -> None:
 
 
 def compromise(ax: Axes, lengths: Lengths) -> None:
-    """The criterion against the window's length, with the estimate's cost beside it."""
+    """The criterion against the window's length, with the estimate's cost beside it where it is known."""
     (left,) = ax.plot(lengths.days, lengths.criterion, "o-", color=BLUE, label="criterion")
     ax.set(xlabel="length of the window (days)", ylabel=r"$\Psi / \Psi_{longest}$ (-)", ylim=(0, 1.08))
     ax.set_title("What a longer window gives and costs")
-    cost = ax.twinx()
     timed = np.isfinite(lengths.seconds)
+    if not timed.any():
+        ax.set_title("What a longer window gives")
+        legend_below(ax)
+        return
+    cost = ax.twinx()
     (right,) = cost.plot(
         lengths.days[timed], 1e3 * lengths.seconds[timed], "s--", color=ORANGE, label="one estimate, median of many"
     )

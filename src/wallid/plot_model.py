@@ -11,6 +11,8 @@ from matplotlib.ticker import MaxNLocator
 from ._legend import legend_above, shortened
 from ._style import BLUE, DAYS, ORANGE, line
 from .case import Case
+from .free import fluxes_of
+from .looking import conductance_of
 from .mim import Learned
 from .plot_record import thinned
 
@@ -23,6 +25,18 @@ def theta(ax: Axes, case: Case, days: np.ndarray, sensitivity: np.ndarray) -> No
         xlabel=DAYS,
         ylabel=r"$\partial T / \partial \ln \alpha$ (K)",
         title="Sensitivity to the diffusivity",
+    )
+    legend_above(ax)
+
+
+def flux_theta(ax: Axes, case: Case, days: np.ndarray, sensitivity: np.ndarray) -> None:
+    """The sensitivity dq/d ln(alpha) at each plate, W/m2, at the conductivity that a design takes."""
+    for p, face in enumerate(fluxes_of(case)):
+        ax.plot(*thinned(days, conductance_of(case) * sensitivity[:, p]), **line(p), lw=0.9, label=f"{face} plate")
+    ax.set(
+        xlabel=DAYS,
+        ylabel=r"$\partial q / \partial \ln \alpha$ (W/m²)",
+        title="Sensitivity of the fluxes to the diffusivity",
     )
     legend_above(ax)
 

@@ -121,7 +121,7 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
         [*(Output(s.position, "gradient", f"gradient {s.name}") for s in case.sensors), Output(inner, "flux")],
     )
     sensors = len(case.sensors)
-    model = large.select(list(range(sensors))) if model is None else model
+    model = (large if model is None else model).select(list(range(sensors)))
     check_driven(model, case, window)
     data, scale = experiment(case, window), scales(case)
     alphas = np.array([case.wall.diffusivity_prior, fit.value])

@@ -31,11 +31,12 @@ def told_range(case: Case, window: Window) -> tuple[float, float]:
     """
     length, seconds = case.wall.length, case.record.step * window.rows
     lowest = length**2 / (math.pi**2 * seconds)
-    if case.sensors:
+    reading = np.isfinite(case.record.sensors[window.part])
+    if sensors := [sensor for sensor, there in zip(case.sensors, reading.T, strict=True) if there.any()]:
         moved = np.maximum(np.ptp(case.record.faces[window.part], axis=0), 1e-300)
         lowest = min(
             _slowest(where, seconds, float(np.clip(sensor.noise_std / change, _TOLD, _MOST_TOLD)))
-            for sensor in case.sensors
+            for sensor in sensors
             for where, change in zip((sensor.position, length - sensor.position), moved, strict=True)
         )
     highest = length**2 / (8.0 * _TOLD * case.record.step)

@@ -15,6 +15,7 @@ from .experiment import diagnosed, scales
 from .free import flux_noise_std
 from .identifiability import COLLINEAR
 from .mim import Learned
+from .pooling import Mean
 from .quantity import Quantity
 from .thermal import Thermal
 from .workflow import Run
@@ -37,6 +38,8 @@ def result(run: Run) -> dict[str, Any]:
         found |= _fit(run, run.fit)
     if run.campaign is not None:
         found["windows"] = _campaign(run.campaign)
+        if run.campaign.thermal is not None:
+            found |= _thermal(run.campaign.thermal)
     if run.design is not None:
         found["design"] = _design(run)
     if run.learned is not None:
@@ -205,23 +208,33 @@ def _thermal(told: Thermal) -> dict[str, Any]:
 
 def _campaign(pooled: Pooled) -> dict[str, Any]:
     """Every window's estimate, and whether they agree."""
-    mean = pooled.mean
+    found: dict[str, Any] = {"informative": len(pooled.used)} | _agreement(pooled.mean)
+    if pooled.conduction is not None:
+        found["conductivities"] = _agreement(pooled.conduction)
+    return found | {"each": [_one_window(pooled, k) for k in range(len(pooled.windows))]}
+
+
+def _agreement(mean: Mean | None) -> dict[str, Any]:
+    """Of a mean of the windows."""
     return {
-        "informative": len(pooled.used),
         "chi_square": None if mean is None else mean.chi_square,
         "degrees_of_freedom": None if mean is None else mean.freedom,
         "p_value": None if mean is None else mean.p_value,
         "relative_std_between": None if mean is None else mean.between,
-        "each": [
-            {
-                "start": label,
-                "diffusivity": None if fit is None else _diffusivity(fit),
-                "informative": k in pooled.used,
-                "weight": pooled.weight(k),
-                "reason": "no reading" if fit is None else fit.reason or None,
-            }
-            for k, (label, fit) in enumerate(zip(pooled.labels, pooled.fits, strict=True))
-        ],
+    }
+
+
+def _one_window(pooled: Pooled, k: int) -> dict[str, Any]:
+    """A window's own estimate."""
+    fit = pooled.fits[k]
+    through = None if fit is None or fit.thermal is None else fit.thermal.resistance.result()
+    return {
+        "start": pooled.labels[k],
+        "diffusivity": None if fit is None else _diffusivity(fit),
+        **({} if pooled.thermal is None else {"resistance": through}),
+        "informative": k in pooled.used,
+        "weight": pooled.weight(k),
+        "reason": "no reading" if fit is None else fit.reason or None,
     }
 
 

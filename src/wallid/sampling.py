@@ -12,7 +12,9 @@ from ._columns import FEWEST_ROWS
 from .case import Case
 from .courses import Model
 from .experiment import HasBest, Window, as_window, check_unbroken, whole
-from .information import Looking, fisher, rows_per_bin, std_of, whitened
+from .free import untold_rows
+from .information import fisher, std_of
+from .looking import Looking, rows_per_bin, whitened
 from .quantity import NORMAL_95
 from .wall import InputError
 
@@ -96,28 +98,40 @@ def sampling(
     faces = np.stack([own, *(_straight(own, int(stride)) for stride in strides)])
     starts = np.full(len(faces), window.row)
     courses = model.courses(starts, window.rows, alpha, faces)
-    rows, std, shift = (fine - 1) // strides + 1, [], []
+    rows, told = (fine - 1) // strides + 1, []
     for k, stride in enumerate(strides, start=1):
-        bins = rows_per_bin(int(rows[k - 1]) * len(case.sensors))
+        bins = rows_per_bin(int(rows[k - 1]) * len(model.outputs))
         looking = Looking(case, courses, starts, window.rows, bins, int(stride))
-        seen = [looking.seen(k, s, sensor) for s, sensor in enumerate(case.sensors)]
-        whitening = looking.whitening(list(enumerate(seen)))
-        matrix = fisher(seen, whitening)
-        std.append(std_of(matrix))
-        # what the readings are beside what the straight lines predict
-        apart = (courses.temperature[0] - courses.temperature[k])[:: int(stride)]
-        white = whitening.whiten(looking.mean(apart, np.ones(len(apart))).T.reshape(-1, 1))[:, 0]
-        shift.append(np.linalg.solve(matrix, whitened(seen, whitening).T @ white)[0] if std[-1] < math.inf else 0.0)
+        told.append(_at_step(looking, k, case.record.step * int(stride) / refine))
+    std, shift = np.array(told).T
     stamp = case.record.stamp
     return Sampling(
         steps=case.record.step * strides / refine,
         rows=rows,
-        std=np.array(std),
-        shift=np.expm1(np.array(shift)),
+        std=std,
+        shift=np.expm1(shift),
         own=case.record.step,
         diffusivity=alpha,
         labels=(str(stamp(window.row)), str(stamp(window.row + window.rows))),
     )
+
+
+def _at_step(looking: Looking, window: int, step: float) -> tuple[float, float]:
+    """The relative standard error that rows so many seconds apart leave, and the shift of ln(alpha) by their lines."""
+    case, courses = looking.case, looking.courses
+    # what the readings are beside what the straight lines predict
+    apart = (courses.temperature[0] - courses.temperature[window])[:: looking.stride]
+    present = np.ones(apart.shape, bool)
+    present[: untold_rows(case, len(apart), step), len(case.sensors) :] = False
+    keyed = [(s, looking.seen(window, s, sensor)) for s, sensor in enumerate(case.sensors)]
+    keyed += looking.plates(window, present[:, len(case.sensors) :])
+    seen, whitening = [one for _, one in keyed], looking.whitening(keyed)
+    matrix = fisher(seen, whitening)
+    if (std := std_of(matrix)) == math.inf:
+        return std, 0.0
+    binned = [looking.binned(course[:, None], there) for course, there in zip(apart.T, present.T, strict=True)]
+    white = whitening.whiten(np.concatenate([mean[count > 0] for mean, count in binned]))[:, 0]
+    return std, float(np.linalg.solve(matrix, whitened(seen, whitening).T @ white)[0])
 
 
 def _strides(factors: Sequence[float]) -> tuple[int, np.ndarray]:

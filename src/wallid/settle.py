@@ -16,7 +16,7 @@ import numpy as np
 from .case import Case
 from .experiment import Experiment, Window, scales
 from .filled import filled_gaps
-from .free import Names, flux_noise_std, fluxes_of, free_at, names_of, whole_model, with_flux
+from .free import Names, first_conductivity, flux_noise_std, free_at, names_of, whole_model, with_flux
 from .likelihood import Problem, face_response, minimise
 from .noise import Bins, Noise, NoiseModel, bins_of, thinned
 from .reliance import told_range
@@ -125,7 +125,7 @@ class _Rounds:
             bins=bins,
             apart=apart,
             readings=int((np.asarray(bins.counts()) > 0).sum()),
-            conductivity=_first_conductivity(case, window) if names.fluxes else 0.0,
+            conductivity=first_conductivity(case, window) if names.fluxes else 0.0,
             bounds=told_range(case, window),
             fill_std=case.record.window(window.row, window.rows).fill_std,
             eta=eta,
@@ -208,14 +208,3 @@ def _noise_left(shape: NoiseModel, settled: Settled) -> Noise:
     if not moving[0]:  # nothing tells of the diffusivity, and no noise would either
         return shape.stated()
     return estimate_noise(shape, np.asarray(settled.minimum.left), directions[moving], settled.along)
-
-
-def _first_conductivity(case: Case, window: Window) -> float:
-    """Where to begin, W/m/K: what the case states, else mean fluxes over the mean drop of temperature, else 1."""
-    if case.wall.effective_conductivity is not None:
-        return case.wall.effective_conductivity
-    part = case.record.window(window.row, window.rows)
-    fluxes = [part.regressors[f"flux_{face}"] for face in fluxes_of(case)]
-    drop = float(np.mean(part.faces[:, 0] - part.faces[:, 1]))
-    found = float(np.nanmean(np.concatenate(fluxes))) / drop * case.wall.length if abs(drop) > 1e-3 else 1.0
-    return float(np.clip(found, 1e-3, 1e3)) if math.isfinite(found) and found > 0 else 1.0

@@ -165,14 +165,20 @@ class Settled:
         """95 %, of ln(alpha/start)."""
         return interval_95(self.problem, self.log_alpha, self.log_std, self.quantile, self.widening, self.marginal)
 
-    @property
-    def of_constants(self) -> np.ndarray:
-        """What one standard deviation of each constant (offsets, places, gains) makes of ln(alpha)."""
+    def variance(self, along: np.ndarray) -> float:
+        """Of a combination of the parameters, such as ln(heat capacity)."""
+        return float(along @ self.covariance @ along)
+
+    def of_constants(self, along: np.ndarray) -> np.ndarray:
+        """What one standard deviation of each constant (offsets, places, gains) makes of such a combination."""
         readings = len(self.noise.whiten)
-        return self.inverse[0, readings:][self.names.constants[1:]]
+        return along @ self.inverse[:, readings:][:, self.names.constants[1:]]
 
     def model_shift(self, apart: np.ndarray) -> float:
-        """How far an error of the predictions, K at the rows, moves ln(alpha)."""
+        """How far an error of the predictions, K at the rows and of plates that of q L / k, moves ln(alpha)."""
+        if plates := len(self.names.fluxes):
+            conductance = np.asarray(self.problem.flux_scale(self.minimum.parameters) / self.problem.data.temperature)
+            apart = np.concatenate([apart[:, :-plates], conductance * apart[:, -plates:]], axis=1)
         binned = np.asarray(self.problem.bins.mean(jnp.asarray(apart)))
         return float(self.inverse[0, : len(binned)] @ (self.noise.whiten @ binned))
 

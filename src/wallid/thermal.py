@@ -9,6 +9,7 @@ guess.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -17,10 +18,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .case import Case
-from .experiment import Window, experiment
-from .free import flux_gain_std, fluxes_of
+from .experiment import Window, experiment, whole
+from .free import fluxes_of
 from .iso9869 import Average, average_method
 from .likelihood import Free, Problem
+from .pooling import Mean, covariance_of, mean_of
 from .quantity import NORMAL_95, Quantity, lognormal
 from .settle import settle
 from .settled import Settled
@@ -61,7 +63,8 @@ class Thermal:
         transmittance: W/m2/K, with the standard surface resistances.
         gains: per plate, what its calibration is off by: value, std, 1.
         averages: the average method of ISO 9869-1 for each plate.
-        held_out: the first half against the second; None where a half is too short.
+        held_out: the first half against the second; None where a half is too short or without a flux, or for several
+            windows together.
         assumed: whether the plates' calibration was assumed and not stated.
     """
 
@@ -93,51 +96,101 @@ class Thermal:
 
 def thermal(case: Case, window: Window, settled: Settled) -> Thermal:
     """What the fluxes of a settled estimate tell."""
-    names, length = settled.names, case.wall.length
-    place = 1 + names.conductivity
-    free, y, spread = settled.problem.free, np.asarray(settled.minimum.parameters), settled.covariance
-    scale, gain = free.log_std, flux_gain_std(case)
-    k = float(free.flux[0]) / float(settled.problem.data.temperature) * length * math.exp(scale * y[place])
-    alpha, log_k = settled.diffusivity, float(scale**2 * spread[place, place])
-    log_c = log_k + float(spread[0, 0]) - 2 * scale * float(spread[0, place])
+    logs = _logs(settled, case.wall.length)
 
-    def of(value: float, variance: float, unit: str) -> Quantity:
-        return lognormal(value, variance, settled.quantile, unit)
+    def of(name: str, unit: str) -> Quantity:
+        value, along = logs[name]
+        return lognormal(math.exp(value), settled.variance(along), settled.quantile, unit)
 
-    resistance = of(length / k, log_k, "m2 K/W")
-    low, high = (1.0 / (R + R_SURFACES) for R in resistance.interval_95[::-1])
+    gains = {
+        face: (value, math.sqrt(settled.variance(along)))
+        for face in settled.names.fluxes
+        for value, along in [logs[face]]
+    }
+    properties = of("conductivity", "W/m/K"), of("heat_capacity", "J/m3/K")
+    return _thermal(case, window, *properties, gains, _held_out(case, window, settled))
+
+
+def pooled_thermal(case: Case, windows: Sequence[Settled]) -> tuple[Thermal, Mean]:
+    """What the fluxes of several windows tell together, and the mean of their ln(conductivity).
+
+    The mean of each quantity's logarithm and of each plate's calibration, all windows with the same errors of the
+    instruments (`pooling`); the average method takes the whole record, or its longest unbroken part.
+    """
+    logs, quantile = [_logs(one, case.wall.length) for one in windows], max(one.quantile for one in windows)
+    means = {}
+    told = [name for name, (_, along) in logs[0].items() if along.any()]  # a calibration may be known
+    for name in told:
+        values, along = (np.array(part) for part in zip(*(one[name] for one in logs), strict=True))
+        stds = np.sqrt([one.variance(way) for one, way in zip(windows, along, strict=True)])
+        shared = np.stack([one.of_constants(way) for one, way in zip(windows, along, strict=True)])
+        means[name] = mean_of(values, covariance_of(stds, shared), quantile)
+
+    def of(name: str, unit: str) -> Quantity:
+        return lognormal(math.exp(means[name].value), means[name].std ** 2, means[name].quantile, unit)
+
+    gains = {face: (means[face].value, means[face].std) if face in means else (0.0, 0.0) for face in fluxes_of(case)}
+    properties = of("conductivity", "W/m/K"), of("heat_capacity", "J/m3/K")
+    return _thermal(case, whole(case), *properties, gains, None), means["conductivity"]
+
+
+def _logs(settled: Settled, length: float) -> dict[str, tuple[float, np.ndarray]]:
+    """ln(conductivity), ln(heat capacity) and each plate's gain, and what combination of the parameters each is."""
+    names, free, y = settled.names, settled.problem.free, np.asarray(settled.minimum.parameters)
+    unit, place = np.eye(len(y)), 1 + names.conductivity
+    log_k = math.log(float(free.flux[0]) / float(settled.problem.data.temperature) * length) + free.log_std * y[place]
+    along_k = free.log_std * unit[place]
+    found = {
+        "conductivity": (log_k, along_k),
+        "heat_capacity": (log_k - math.log(settled.diffusivity), along_k - unit[0]),
+    }
+    for face, gain, at in zip(names.fluxes, np.asarray(free.gain_std), range(place + 1, len(y)), strict=True):
+        found[face] = float(gain * y[at]), gain * unit[at]
+    return found
+
+
+def _thermal(
+    case: Case,
+    window: Window,
+    conductivity: Quantity,
+    heat_capacity: Quantity,
+    gains: dict[str, tuple[float, float]],
+    held_out: HeldOut | None,
+) -> Thermal:
+    """All that follows from conductivity and heat capacity, and the average method over a window beside it."""
+    length, k = case.wall.length, conductivity
+    ends = tuple(length / end for end in k.interval_95[::-1])
+    resistance = Quantity(length / k.value, length * k.std / k.value**2, (ends[0], ends[1]), "m2 K/W")
+    low, high = (1.0 / (R + R_SURFACES) for R in ends[::-1])
     U = 1.0 / (resistance.value + R_SURFACES)
-    capacity = of(length * k / alpha, log_c, "J/m2/K")
+    c = heat_capacity
+    areal = Quantity(length * c.value, length * c.std, (length * c.interval_95[0], length * c.interval_95[1]), "J/m2/K")
     part = case.record.window(window.row, window.rows)
     return Thermal(
-        conductivity=of(k, log_k, "W/m/K"),
-        heat_capacity=of(k / alpha, log_c, "J/m3/K"),
+        conductivity=conductivity,
+        heat_capacity=heat_capacity,
         resistance=resistance,
-        areal_heat_capacity=capacity,
+        areal_heat_capacity=areal,
         transmittance=Quantity(U, U**2 * resistance.std, (low, high), "W/m2/K"),
-        gains={
-            face: (gain * float(y[place + 1 + p]), gain * math.sqrt(float(spread[place + 1 + p, place + 1 + p])))
-            for p, face in enumerate(names.fluxes)
-        },
+        gains=gains,
         averages=tuple(
-            average_method(part.faces, part.regressors[f"flux_{face}"], part.step, face, capacity.value)
-            for face in names.fluxes
+            average_method(part.faces, part.regressors[f"flux_{face}"], part.step, face, areal.value) for face in gains
         ),
-        held_out=_held_out(case, window, settled),
+        held_out=held_out,
         assumed=case.record.flux_gain_std is None,
     )
 
 
 def _held_out(case: Case, window: Window, settled: Settled) -> HeldOut | None:
     """Estimate from the first half, predict the second on from there."""
-    half = window.rows // 2
-    if half < _FEWEST_HALF:
+    half, plates = window.rows // 2, len(fluxes_of(case))
+    there = np.asarray(settled.problem.data.weight)[:, -plates:] > 0
+    if half < _FEWEST_HALF or not (there[:half].any() and there[half:].any()):
         return None
     model, data = settled.problem.system, experiment(case, window)
     early = settle(case, window, data, model, settled.diffusivity, eta=1e-6, rows_used=half)
     predicted, J = (np.asarray(part) for part in _linear(settled.problem, early.problem.free, early.minimum.parameters))
-    data, plates = settled.problem.data, len(fluxes_of(case))
-    there = np.asarray(data.weight)[half:, -plates:] > 0
+    data, there = settled.problem.data, there[half:]
     missed = (np.asarray(data.observed) - predicted)[half:, -plates:]
     noise = early.robust or early.noise
     own = np.asarray(settled.shape.sensor_std)[-plates:] ** 2 * (noise.white + noise.lasting)

@@ -13,13 +13,23 @@ from jaxtyping import Array, Float, Int
 
 from .case import Case
 from .courses import Model
-from .experiment import Experiment, dimensionless_profile, fit_profile, scales
-from .information import Criterion, Looking, Of, fisher, kept, rows_per_bin, std_of, told
+from .experiment import Experiment, Window, dimensionless_profile, experiment, fit_profile, scales
+from .free import CONDUCTIVITY_STD, flux_gain_std, flux_noise_std, flux_readings, fluxes_of, untold_rows
+from .information import Criterion, Of, fisher, kept, std_of, told
+from .looking import Looking, conductance_of, rows_per_bin
 from .sensitivity import explicit, profile_response
 from .simulate import Integrator
 from .statespace import StateSpace
 from .sweeps import Sweep
 from .sweeps import sweep as over_items
+
+
+def counts_all(case: Case, full: bool | None) -> bool:
+    """Whether a design counts all that the interval counts: where nothing is said, with plates.
+
+    A flux feels the faces' noise and the initial profile many times more than a sensor inside.
+    """
+    return bool(fluxes_of(case)) if full is None else full
 
 
 def full_sizes(
@@ -38,7 +48,7 @@ def full_sizes(
     for a, alpha in enumerate(alphas):
         courses = model.courses(starts, longest, alpha)
         for k, length in enumerate(rows):
-            bin_rows = rows_per_bin(length * len(case.sensors))
+            bin_rows = rows_per_bin(length * len(model.outputs))
             looking = Looking(case, courses.until(length), starts, length, bin_rows)
             for w in np.flatnonzero(case.record.holds(starts, length)):
                 sizes[a, w, k], on_log[a, w, k] = _of_one(looking, int(w), criterion, of)
@@ -47,13 +57,15 @@ def full_sizes(
 
 def _of_one(looking: Looking, window: int, criterion: Criterion, of: Of) -> tuple[float, float]:
     """The criterion and the information on ln(alpha) of one window."""
-    start, sensors = int(looking.starts[window]), looking.case.sensors
-    present = np.isfinite(looking.case.record.sensors[start : start + looking.rows])
-    seen = [looking.seen(window, s, sensor, present[:, s]) for s, sensor in enumerate(sensors)]
-    if not present.any():
+    case = looking.case
+    at = Window(int(looking.starts[window]), looking.rows)
+    present, read = np.isfinite(case.record.sensors[at.part]), np.isfinite(flux_readings(case, at))
+    if not present.any() and not read.any():
         return 0.0, 0.0
-    matrix = fisher(seen, looking.whitening(list(enumerate(seen))))
-    return told(matrix, criterion, kept(of, seen)), std_of(matrix) ** -2.0
+    seen = [(s, looking.seen(window, s, sensor, present[:, s])) for s, sensor in enumerate(case.sensors)]
+    seen += looking.plates(window, read)
+    matrix = fisher([one for _, one in seen], looking.whitening(seen))
+    return told(matrix, criterion, kept(of, [one for _, one in seen])), std_of(matrix) ** -2.0
 
 
 class StartProfiles(eqx.Module):
@@ -72,41 +84,87 @@ def start_profiles(case: Case, starts: np.ndarray) -> StartProfiles:
     return StartProfiles(jnp.asarray(np.stack(initial)), jnp.asarray(np.stack(per_offset)))
 
 
+class Plates(eqx.Module):
+    """What a design needs to know of flux plates; none where there is no gain.
+
+    Arguments:
+        gain_std: of each one's calibration, 1.
+        untold: how many rows of a window of each length they do not tell of.
+    """
+
+    gain_std: Float[Array, " flux"] = eqx.field(converter=jnp.asarray)
+    untold: tuple[int, ...] = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, case: Case, rows: tuple[int, ...]) -> Plates:
+        """A case's, in windows of these lengths."""
+        gains = np.full(len(fluxes_of(case)), flux_gain_std(case))
+        return cls(gains, tuple(untold_rows(case, length, case.record.step) for length in rows))
+
+    def telling(self, weight: Array, untold: int) -> Array:
+        """The readings' weights, `(time, output)`, without the first rows of the plates."""
+        return weight.at[:untold, weight.shape[1] - self.gain_std.shape[0] :].set(0.0)
+
+
+def watched(case: Case) -> Experiment:
+    """The whole record with the plates after the sensors; a flux is taken over k / L, K."""
+    data, faces = experiment(case), fluxes_of(case)
+    if not faces:
+        return data
+    flux = np.stack([case.record.regressors[f"flux_{face}"] for face in faces], axis=1) / conductance_of(case)
+    there = np.isfinite(flux)
+    observed = np.concatenate([np.asarray(data.observed), np.where(there, flux, 0.0)], axis=1)
+    weight = np.concatenate([np.asarray(data.weight), there * conductance_of(case) / flux_noise_std(case)], axis=1)
+    return eqx.tree_at(lambda d: (d.observed, d.weight), data, (jnp.asarray(observed), jnp.asarray(weight)))
+
+
 def _slopes(
-    system: StateSpace, fo: Array, data: Experiment, integrator: Integrator
-) -> tuple[Float[Array, "time sensor"], Float[Array, "time sensor offset"] | None]:
-    """theta, and what each estimated offset makes of the readings (None: there is none)."""
-    _, theta = explicit(system, fo, data, integrator=integrator)
-    return theta, _offset_columns(system, fo, data, integrator) if data.offsets else None
+    system: StateSpace, fo: Array, data: Experiment, plates: Plates, integrator: Integrator
+) -> tuple[Float[Array, "time output"], Float[Array, "time output constant"] | None]:
+    """theta, and what one standard deviation of each constant makes of the readings, K (None: there is none).
+
+    The constants are the estimated offsets, and with plates ln(conductivity) and each one's calibration.
+    """
+    u, theta = explicit(system, fo, data, integrator=integrator)
+    columns = [_offset_columns(system, fo, data, integrator)] if data.offsets else []
+    if count := plates.gain_std.shape[0]:
+        flux = data.temperature * u.at[:, : u.shape[1] - count].set(0.0)
+        gains = [
+            std * flux * jax.nn.one_hot(u.shape[1] - count + p, u.shape[1]) for p, std in enumerate(plates.gain_std)
+        ]
+        columns.append(jnp.stack([CONDUCTIVITY_STD * flux, *gains], axis=-1))
+    return theta, jnp.concatenate(columns, axis=-1) if columns else None
 
 
 def _offset_columns(
     system: StateSpace, fo: Array, data: Experiment, integrator: Integrator
-) -> Float[Array, "time sensor offset"]:
-    """What one kelvin of each estimated offset makes of the predicted readings, K."""
+) -> Float[Array, "time output offset"]:
+    """What one standard deviation of each estimated offset makes of the predicted readings, K."""
     places, rows = np.asarray(data.offsets), data.inputs.shape[0]
 
     def column(place: Array) -> Array:
         u = profile_response(system, fo, data.step, rows, -data.profile_per_offset[:, place], integrator=integrator)
-        return data.temperature * u + jax.nn.one_hot(place, u.shape[1])
+        return data.offset_std[place] * (data.temperature * u + jax.nn.one_hot(place, u.shape[1]))
 
     return jnp.moveaxis(jax.vmap(column)(jnp.asarray(places)), 0, -1)
 
 
 def _information(
-    theta: Array, weight: Array, columns: Array | None, offset_std: Array, rows: tuple[int, ...]
+    theta: Array, weight: Array, columns: Array | None, rows: tuple[int, ...], plates: Plates
 ) -> Float[Array, " length"]:
-    """Information on Fo (in u) of the first so many rows each, offsets projected out."""
-    ends = np.asarray(rows) - 1
-    scaled = theta * weight
-    direct = jnp.cumsum(jnp.sum(scaled**2, axis=1))[ends]
-    if columns is None:
-        return direct
-    weighted = columns * weight[:, :, None]
-    mixed = jnp.cumsum(jnp.einsum("ts,tso->to", scaled, weighted), axis=0)[ends]
-    own = jnp.cumsum(jnp.einsum("tso,tsp->top", weighted, weighted), axis=0)[ends]
-    prior = jnp.diag(1.0 / offset_std**2)
-    return direct - jnp.sum(mixed * jnp.linalg.solve(own + prior, mixed[..., None])[..., 0], axis=-1)
+    """The information of the first rows on Fo, the constants projected out."""
+    found = []
+    for length, untold in zip(rows, plates.untold, strict=True):
+        used = plates.telling(weight[:length], untold)
+        scaled = theta[:length] * used
+        direct = jnp.sum(scaled**2)
+        if columns is not None:
+            weighted = columns[:length] * used[:, :, None]
+            mixed = jnp.einsum("ts,tso->o", scaled, weighted)
+            own = jnp.einsum("tso,tsp->op", weighted, weighted)
+            direct = direct - mixed @ jnp.linalg.solve(own + jnp.eye(len(mixed)), mixed)
+        found.append(direct)
+    return jnp.stack(found)
 
 
 def window_information(
@@ -115,6 +173,7 @@ def window_information(
     data: Experiment,
     starts: Int[Array, " window"],
     profiles: StartProfiles,
+    plates: Plates,
     *,
     rows: tuple[int, ...],
     sweep: Sweep = "map",
@@ -125,6 +184,7 @@ def window_information(
 
     Arguments:
         starts: first rows of the windows.
+        system, data: with the plates after the sensors, as `watched` gives them.
         profiles: the initial profile at each start.
         rows: the windows' lengths; all come from one run of the longest. What would lie past the
             record's end holds no readings.
@@ -134,7 +194,7 @@ def window_information(
     inputs = np.pad(np.asarray(data.inputs), (beyond, (0, 0)), mode="edge")
     weight = np.pad(np.asarray(data.weight), (beyond, (0, 0)))
     extended = eqx.tree_at(lambda d: (d.inputs, d.weight), data, (jnp.asarray(inputs), jnp.asarray(weight)))
-    shared = (system, fourier, extended, rows, sweep, integrator)
+    shared = (system, fourier, extended, plates, rows, sweep, integrator)
     return jnp.moveaxis(over_items(_of_window, (starts, profiles), *shared, way=sweep, mesh=mesh), 0, 1)
 
 
@@ -143,6 +203,7 @@ def _of_window(
     system: StateSpace,
     fourier: Array,
     extended: Experiment,
+    plates: Plates,
     rows: tuple[int, ...],
     sweep: Sweep,
     integrator: Integrator,
@@ -152,15 +213,14 @@ def _of_window(
     inputs, weight = (
         jax.lax.dynamic_slice_in_dim(course, start, longest) for course in (extended.inputs, extended.weight)
     )
-    offset_std = extended.offset_std[np.asarray(extended.offsets, dtype=int)]
 
     own = eqx.tree_at(
         lambda d: (d.inputs, d.initial, d.profile_per_offset), extended, (inputs, profile.initial, profile.per_offset)
     )
 
     def at(fo: Array) -> Array:
-        theta, columns = _slopes(system, fo, own, integrator)
-        return _information(theta, weight, columns, offset_std, rows)
+        theta, columns = _slopes(system, fo, own, plates, integrator)
+        return _information(theta, weight, columns, rows, plates)
 
     return jax.vmap(at)(fourier) if sweep == "vmap" else jax.lax.map(at, fourier)
 
@@ -171,20 +231,24 @@ def cut_information(
     fourier: Float[Array, " case"],
     data: Experiment,
     starts: Int[Array, " window"],
+    plates: Plates,
     *,
     rows: int,
     integrator: Integrator = "propagator",
 ) -> Float[Array, "case window"]:
-    """The information of each window on Fo (in u), cut from one run over the whole record."""
-    offset_std = data.offset_std[np.asarray(data.offsets, dtype=int)]
+    """The information of each window on Fo (in u), cut from one run over the whole record.
+
+    Plates tell of all rows but the record's first ones.
+    """
+    known = Plates(plates.gain_std, (0,))
 
     def at(fo: Array) -> Array:
-        theta, columns = _slopes(system, fo, data, integrator)
-        everything = (theta, data.weight, columns)
+        theta, columns = _slopes(system, fo, data, plates, integrator)
+        everything = (theta, plates.telling(data.weight, plates.untold[0]), columns)
 
         def one(start: Array) -> Array:
             cut = jax.tree.map(lambda part: jax.lax.dynamic_slice_in_dim(part, start, rows), everything)
-            return _information(cut[0], cut[1], cut[2], offset_std, (rows,))[0]
+            return _information(cut[0], cut[1], cut[2], (rows,), known)[0]
 
         return jax.lax.map(one, starts)
 

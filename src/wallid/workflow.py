@@ -10,7 +10,6 @@ from functools import partial
 from threading import Thread
 from typing import Any, Literal
 
-from ._columns import FEWEST_ROWS
 from .campaign import Pooled, campaign
 from .case import Case
 from .check import Check, check
@@ -18,9 +17,10 @@ from .design import Design, design
 from .discrepancy import Explanation, compile_together, explain, study
 from .estimate import Estimate, check_draws, estimate, seconds_of_estimate
 from .experiment import Window, large_model, whole
+from .free import fluxes_of
 from .information import Criterion, Of, Robust
 from .learning import learn, learning_signals
-from .lengths import Lengths, lengths
+from .lengths import Lengths, days_within, lengths
 from .mim import Learned, sweep_orders
 from .places import Places, sensor_places
 from .reliability import Reliability, reliability
@@ -37,9 +37,6 @@ STAGES = ("design", "learn", "orders", "estimate", "reliability", "lengths")
 of these together many times over, and `check` one that only looks at the record. `places` asks where a further sensor
 would help, `campaign` every window."""
 
-_DAYS = (1.0, 2.0, 3.0, 5.0, 10.0)  # of the compromise figure
-_MOST_ROWS = 20_000  # past this, one length of the compromise costs seconds: not part of a run
-
 
 @dataclass(frozen=True)
 class Designing:
@@ -53,7 +50,7 @@ class Designing:
     criterion: Criterion = "D"
     of: Of = "diffusivity"
     robust: Robust = "no"
-    full: bool = False
+    full: bool | None = None
     added: int = 1
 
     @property
@@ -232,7 +229,7 @@ def _of_window(
     """The stages about one window: all but the diagnosis."""
     case = done.case
     if not case.sensors:
-        _of_fluxes(done, stages, window, weights, integrator, draws, begin)
+        _of_fluxes(done, stages, window, weights, integrator, draws, begin, designing)
         return
     if "design" in stages:
         begin("design", "design: which days tell most")
@@ -265,12 +262,8 @@ def _of_window(
         begin("reliability", "reliability: the whole record")
         with done.timed("reliability"):
             done.reliability = reliability(case, done.fit, model)
-    days = _days_within(case)
-    if "lengths" in stages and len(days) > 1:
-        begin("lengths", "design: what longer windows give and cost")
-        with done.timed("lengths"):
-            cost = partial(seconds_of_estimate, case, model=model)
-            done.lengths = lengths(case, days, cost, **designing.words)
+    if "lengths" in stages:
+        _compare_lengths(done, begin, designing, model)
     if "places" in stages and designing.added:
         begin("places", "design: where a further sensor helps, and other steps")
         with done.timed("places"):
@@ -293,6 +286,17 @@ def _by_order(
     return [found.get(order, learned) for order in wanted]
 
 
+def _compare_lengths(done: Run, begin: _Shares, designing: Designing, model: StateSpace | None) -> None:
+    """What longer windows give, and what an estimate by a model costs where there is no flux in it."""
+    case, days = done.case, days_within(done.case)
+    if len(days) < 2:
+        return
+    begin("lengths", "design: what longer windows give and cost")
+    with done.timed("lengths"):
+        cost = None if model is None or fluxes_of(case) else partial(seconds_of_estimate, case, model=model)
+        done.lengths = lengths(case, days, cost, **designing.words)
+
+
 def _of_fluxes(
     done: Run,
     stages: Sequence[str],
@@ -301,11 +305,17 @@ def _of_fluxes(
     integrator: Integrator,
     draws: int,
     begin: _Shares,
+    designing: Designing,
 ) -> None:
-    """A case without a sensor inside: all of its record at once, by the large model."""
+    """A case without a sensor inside: which days its plates tell most of, or an estimate from all of its record."""
     case = done.case
     if "estimate" not in stages:
-        large_model(case)  # says what is missing
+        begin("design", "design: which days tell most")
+        with done.timed("design"):
+            done.design = design(case, integrator=integrator, **designing.words)
+        if done.design.informative and "lengths" in stages:
+            _compare_lengths(done, begin, designing, None)
+        return
     begin("estimate", "estimate: conductivity and heat capacity from the fluxes")
     with done.timed("estimate"):
         done.fit = estimate(case, window, weights=weights, integrator=integrator, draws=draws)
@@ -320,11 +330,3 @@ def _check_orders(case: Case, orders: Sequence[int]) -> None:
         raise InputError('--orders: the case\'s model is "lom", so no reduced model is learned; take --model mim')
     if wrong := [order for order in orders if not 1 <= order <= largest]:
         raise InputError(f"--orders: {wrong[0]}; with {case.choices.nodes} nodes an order lies between 1 and {largest}")
-
-
-def _days_within(case: Case) -> tuple[float, ...]:
-    """The lengths of the compromise figure that fit into half the record at least once."""
-    if case.record.rows > _MOST_ROWS:
-        return ()
-    rows = {days: case.record.rows_per(days) for days in _DAYS}
-    return tuple(days for days in _DAYS if FEWEST_ROWS <= rows[days] <= whole(case).rows // 2)
