@@ -1,4 +1,5 @@
 import decimal
+import os
 from dataclasses import replace
 
 import diffrax
@@ -138,6 +139,14 @@ def test_one_loop_goes_through_every_transformation(monkeypatch):
     assert_allclose(together[1], one, rtol=1e-12)
     way = jax.grad(lambda q: of(0.5, q))(inputs)
     assert_allclose(jnp.sum(way * inputs), jax.jvp(lambda q: of(0.5, q), (inputs,), (inputs,))[1], rtol=1e-10)
+
+
+def test_what_comes_too_late_for_xla_is_not_asked(monkeypatch):
+    jnp.zeros(1).block_until_ready()
+    monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=true")
+    with pytest.warns(UserWarning, match="prepare_xla: JAX has computed already"):
+        wallid.prepare_xla()
+    assert os.environ["XLA_FLAGS"] == "--xla_cpu_use_fusion_emitters=true"
 
 
 def test_uneven_rows_are_exact_too():

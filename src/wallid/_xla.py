@@ -12,6 +12,7 @@ kernel; how little is an option of XLA's.
 from __future__ import annotations
 
 import os
+import warnings
 from functools import cache
 from importlib.metadata import version
 
@@ -26,14 +27,21 @@ def prepare_xla() -> None:
     """Ask XLA for what serves models of this size: shorter compilation, and small loops as single kernels.
 
     The commands do so; a notebook or program of your own may, before JAX's first computation (importing `wallid` is
-    none). A reduced model then runs two to four times as fast, ten thousand walls three times. What the environment
-    says of the same flags stays, and a jaxlib that is not known to have them is left alone.
+    none; later it warns and asks for nothing). A reduced model then runs two to four times as fast, ten thousand walls
+    three times. What the environment says of the same flags stays, and a jaxlib that is not known to have them is left
+    alone.
     """
     flags = os.environ.get("XLA_FLAGS", "").split()
-    if version("jaxlib").startswith(_KNOWN):
-        names = [flag.split("=")[0] for flag in flags]
-        flags += [flag for flag in (_EMITTERS, _LOOPS) if flag.split("=")[0] not in names]
-        os.environ["XLA_FLAGS"] = " ".join(flags)
+    names = [flag.split("=")[0] for flag in flags]
+    wanted = [flag for flag in (_EMITTERS, _LOOPS) if flag.split("=")[0] not in names]
+    if wanted and version("jaxlib").startswith(_KNOWN):
+        from jax._src import xla_bridge  # whether JAX has begun is said nowhere else, and elsewhere in other versions
+
+        if xla_bridge.backends_are_initialized():
+            said = "wallid.prepare_xla: JAX has computed already and no longer hears what is asked; call it first"
+            warnings.warn(said, stacklevel=2)
+        else:
+            os.environ["XLA_FLAGS"] = " ".join([*flags, *wanted])
     if "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS" not in os.environ:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
