@@ -363,6 +363,15 @@ flux_noise_std = {NOISE}
     return str(folder)
 
 
+def result_of(*words):
+    """What a command that ends well says as JSON."""
+    ended = CliRunner().invoke(app, [*words, "--json"])
+    assert ended.exit_code == 0, ended.stderr
+    result = json.loads(ended.stdout)
+    jsonschema.validate(result, SCHEMA)
+    return result
+
+
 def test_the_figures_of_a_plate_show_the_estimates_numbers(both):
     """The interval by hand, the residual reading by reading, and a density of area one beside the noise's."""
     case, plate = case_of(), 1
@@ -384,10 +393,7 @@ def test_the_figures_of_a_plate_show_the_estimates_numbers(both):
 
 def test_a_case_with_flux_alone_on_the_command_line(tmp_path):
     out = tmp_path / "out"
-    ended = CliRunner().invoke(app, ["run", written(tmp_path), "--json", "--out", str(out)])
-    assert ended.exit_code == 0, ended.stderr
-    result = json.loads(ended.stdout)
-    jsonschema.validate(result, SCHEMA)
+    result = result_of("run", written(tmp_path), "--out", str(out))
     assert {path.name for path in out.iterdir()} >= {"result.json", "record.png", "flux.png", "report.html"}
     for key, unit in (("conductivity", "W/m/K"), ("heat_capacity", "J/m3/K"), ("resistance", "m2 K/W"),
                       ("areal_heat_capacity", "J/m2/K"), ("transmittance", "W/m2/K")):  # fmt: skip
@@ -404,21 +410,14 @@ def test_a_case_with_flux_alone_on_the_command_line(tmp_path):
 
 def test_a_design_of_fluxes_on_the_command_line(tmp_path):
     out = tmp_path / "out"
-    ended = CliRunner().invoke(app, ["design", written(tmp_path), "--json", "--out", str(out)])
-    assert ended.exit_code == 0, ended.stderr
-    result = json.loads(ended.stdout)
-    jsonschema.validate(result, SCHEMA)
+    result = result_of("design", written(tmp_path), "--out", str(out))
     assert result["design"]["full"] and 0.0 < result["design"]["expected_relative_std"] < 0.01
     assert (out / "design.png").exists() and "Which days tell most" in (out / "report.html").read_text("utf-8")
 
 
 def test_all_windows_of_fluxes_on_the_command_line(tmp_path):
     out = tmp_path / "out"
-    words = ["estimate", written(tmp_path, windows=2), "--all-windows", "--json", "--out", str(out)]
-    ended = CliRunner().invoke(app, words)
-    assert ended.exit_code == 0, ended.stderr
-    result = json.loads(ended.stdout)
-    jsonschema.validate(result, SCHEMA)
+    result = result_of("estimate", written(tmp_path, windows=2), "--all-windows", "--out", str(out))
     for key in ("conductivity", "heat_capacity", "resistance", "areal_heat_capacity", "transmittance"):
         assert set(result[key]) == {"value", "std", "interval_95", "unit"}
     assert result["iso_9869"]["flux_right"]["days"] == 6.0

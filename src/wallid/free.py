@@ -268,10 +268,14 @@ def with_flux(case: Case, window: Window, data: Experiment) -> Experiment:
     plates = fluxes_of(case)
     if not plates or data.observed.shape[1] > len(case.sensors):  # none, or they are there
         return data
-    flux = flux_readings(case, window)
+    return plates_beside(data, flux_readings(case, window), flux_noise_std(case))
+
+
+def plates_beside(data: Experiment, flux: np.ndarray, noise_std: float) -> Experiment:
+    """The experiment with fluxes after the sensors' readings, weighted by their noise; none where one is NaN."""
     there = np.isfinite(flux)
     observed = np.concatenate([np.asarray(data.observed), np.where(there, flux, 0.0)], axis=1)
-    weight = np.concatenate([np.asarray(data.weight), there / flux_noise_std(case)], axis=1)
+    weight = np.concatenate([np.asarray(data.weight), there / noise_std], axis=1)
     return eqx.tree_at(lambda d: (d.observed, d.weight), data, (jnp.asarray(observed), jnp.asarray(weight)))
 
 

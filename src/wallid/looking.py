@@ -130,14 +130,15 @@ class Looking:
             own.append(sensor.position_std * gradient)
         return self._seen(place, shared, own, sensor.noise_std, present)
 
-    def plates(self, window: int, present: np.ndarray) -> list[tuple[int, Seen]]:
-        """What the plates see, each with its place among the outputs.
+    def logged(self, window: int, present: np.ndarray, read: np.ndarray) -> list[tuple[int, Seen]]:
+        """What the case's sensors and plates see, each with its place among the outputs.
 
         Arguments:
-            present: where there is a flux that is used, `(time, flux)`.
+            present, read: where there is a temperature, `(time, sensor)`, and a flux that is used, `(time, flux)`.
         """
-        places = range(len(self.courses.places), self.courses.slope.shape[2])
-        return [(place, self._plate(window, place, there)) for place, there in zip(places, present.T, strict=True)]
+        sensors, first = self.case.sensors, len(self.courses.places)
+        found = [(s, self.seen(window, s, sensor, present[:, s])) for s, sensor in enumerate(sensors)]
+        return found + [(place, self._plate(window, place, there)) for place, there in enumerate(read.T, start=first)]
 
     def _plate(self, window: int, place: int, present: np.ndarray) -> Seen:
         case, rows = self.case, slice(None, None, self.stride)

@@ -202,8 +202,7 @@ class _Look:
         present, read = (np.isfinite(x) for x in (case.record.sensors[window.part], flux_readings(case, window)))
         self.logged = np.asarray(present.any(axis=1))  # a further sensor has its readings when any of the others has
         self.looking = looking
-        self.seen = [(s, looking.seen(0, s, sensor, present[:, s])) for s, sensor in enumerate(case.sensors)]
-        self.seen += looking.plates(0, read)
+        self.seen = looking.logged(0, present, read)
         self.matrix = self._fisher(self.seen)
         self.kept = kept(of, [one for _, one in self.seen])
         self.std_before = std_of(self.matrix)

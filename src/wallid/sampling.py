@@ -122,9 +122,9 @@ def _at_step(looking: Looking, window: int, step: float) -> tuple[float, float]:
     # what the readings are beside what the straight lines predict
     apart = (courses.temperature[0] - courses.temperature[window])[:: looking.stride]
     present = np.ones(apart.shape, bool)
-    present[: untold_rows(case, len(apart), step), len(case.sensors) :] = False
-    keyed = [(s, looking.seen(window, s, sensor)) for s, sensor in enumerate(case.sensors)]
-    keyed += looking.plates(window, present[:, len(case.sensors) :])
+    sensors = len(case.sensors)
+    present[: untold_rows(case, len(apart), step), sensors:] = False
+    keyed = looking.logged(window, present[:, :sensors], present[:, sensors:])
     seen, whitening = [one for _, one in keyed], looking.whitening(keyed)
     matrix = fisher(seen, whitening)
     if (std := std_of(matrix)) == math.inf:

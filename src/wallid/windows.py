@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from .case import Case
 from .courses import Model
 from .experiment import Experiment, Window, dimensionless_profile, experiment, fit_profile, scales
-from .free import CONDUCTIVITY_STD, flux_gain_std, flux_noise_std, flux_readings, fluxes_of, untold_rows
+from .free import CONDUCTIVITY_STD, flux_gain_std, flux_noise_std, flux_readings, fluxes_of, plates_beside, untold_rows
 from .information import Criterion, Of, fisher, kept, std_of, told
 from .looking import Looking, conductance_of, rows_per_bin
 from .sensitivity import explicit, profile_response
@@ -62,8 +62,7 @@ def _of_one(looking: Looking, window: int, criterion: Criterion, of: Of) -> tupl
     present, read = np.isfinite(case.record.sensors[at.part]), np.isfinite(flux_readings(case, at))
     if not present.any() and not read.any():
         return 0.0, 0.0
-    seen = [(s, looking.seen(window, s, sensor, present[:, s])) for s, sensor in enumerate(case.sensors)]
-    seen += looking.plates(window, read)
+    seen = looking.logged(window, present, read)
     matrix = fisher([one for _, one in seen], looking.whitening(seen))
     return told(matrix, criterion, kept(of, [one for _, one in seen])), std_of(matrix) ** -2.0
 
@@ -111,11 +110,9 @@ def watched(case: Case) -> Experiment:
     data, faces = experiment(case), fluxes_of(case)
     if not faces:
         return data
-    flux = np.stack([case.record.regressors[f"flux_{face}"] for face in faces], axis=1) / conductance_of(case)
-    there = np.isfinite(flux)
-    observed = np.concatenate([np.asarray(data.observed), np.where(there, flux, 0.0)], axis=1)
-    weight = np.concatenate([np.asarray(data.weight), there * conductance_of(case) / flux_noise_std(case)], axis=1)
-    return eqx.tree_at(lambda d: (d.observed, d.weight), data, (jnp.asarray(observed), jnp.asarray(weight)))
+    conductance = conductance_of(case)
+    flux = np.stack([case.record.regressors[f"flux_{face}"] for face in faces], axis=1)
+    return plates_beside(data, flux / conductance, flux_noise_std(case) / conductance)
 
 
 def _slopes(
