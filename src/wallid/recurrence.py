@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +15,7 @@ from .exponential import State, StepMap, times
 from .statespace import StateSpace
 
 _FEW = 16  # states: below, sums are cheaper than products of thin matrices
+_LANES = 8  # numbers in the widest vector of a common processor
 _SMALL = 24, 2**15  # states, and states times rows, up to which one loop is faster than blocks, as measured
 
 Stretch = tuple[State, tuple[Array, Array | None]]
@@ -64,46 +64,40 @@ def in_one_loop(
 
         z_k+1 = E z_k + b q_k,                               b = W0 + E W1
         zeta_k+1 = E zeta_k + E' z_k + b' q_k,               b' = V0 + E V1 + E' W1
+
+    Both lie in one array, each from a whole number of `_LANES` on: the compiler then steps them as vectors.
     """
-    x, theta = state
-    E, column, C = exact.E, exact.E[:, None], system.theta_outputs
+    (x, theta), E, E_theta, order = state, exact.E[:, None], exact.E_theta, system.order
     # products of matrices as sums, or XLA does not make one kernel of a whole search with this in it
-    D = system.D + times(system.C, exact.W1.T).T
-    field = _Course(system.C, D, exact.W0 + column * exact.W1, x - times(exact.W1, inputs[0]))
-    if theta is None or exact.E_theta is None or exact.V0 is None or exact.V1 is None:
-        return _loop(E, field, None, None, inputs)
-    b = exact.V0 + column * exact.V1 + exact.E_theta[:, None] * exact.W1
-    tangent = _Course(C, times(C, exact.V1.T).T, b, theta - times(exact.V1, inputs[0]))
-    return _loop(E, field, exact.E_theta, tangent, inputs)
+    first, driven = [x - times(exact.W1, inputs[0])], [exact.W0 + E * exact.W1]
+    seen = [(system.C.T, system.D.T + times(system.C, exact.W1.T))]
+    if theta is not None and E_theta is not None and exact.V0 is not None and exact.V1 is not None:
+        first.append(theta - times(exact.V1, inputs[0]))
+        driven.append(exact.V0 + E * exact.V1 + E_theta[:, None] * exact.W1)
+        seen.append((system.theta_outputs.T, times(system.theta_outputs, exact.V1.T)))
+
+    width = -(-order // _LANES) * _LANES
+
+    def in_lanes(parts: list[Array]) -> Array:
+        return jnp.concatenate(
+            [jnp.pad(part.T, [(0, 0)] * (part.ndim - 1) + [(0, width - order)]) for part in parts], -1
+        )
+
+    def on(z: Array, q: Array) -> tuple[Array, tuple[Array, ...]]:
+        after = decay * z + _combined(drive, q)
+        if E_theta is not None and len(seen) > 1:
+            after += jax.lax.pad(E_theta * z[:order], 0.0, [(width, width - order, 0)])
+        parts = (z[k * width : k * width + order] for k in range(len(seen)))
+        return after, tuple(_combined(C, part) + _combined(D, q) for (C, D), part in zip(seen, parts, strict=True))
+
+    decay, drive = in_lanes([exact.E] * len(first)), in_lanes(driven)
+    u, *y = jax.lax.scan(on, in_lanes(first), inputs)[1]
+    return u, y[0] if y else None
 
 
-class _Course(NamedTuple):
-    """A state's course and outputs: `z_k+1 = E z_k + b q_k` from `first`, `y_k = C z_k + D q_k`."""
-
-    C: Array
-    D: Array
-    b: Array
-    first: Array
-
-    def next(self, E: Array, z: Array, q: Array) -> Array:
-        return E * z + times(self.b, q)
-
-    def seen(self, z: Array, q: Array) -> Array:
-        return times(self.C, z) + times(self.D, q)
-
-
-def _loop(
-    E: Array, field: _Course, E_theta: Array | None, tangent: _Course | None, inputs: Array
-) -> tuple[Array, Array | None]:
-    def on(now: tuple[Array, Array | None], q: Array) -> tuple[tuple[Array, Array | None], tuple[Array, Array | None]]:
-        z, zeta = now
-        after, seen = field.next(E, z, q), field.seen(z, q)
-        if tangent is None or zeta is None or E_theta is None:
-            return (after, None), (seen, None)
-        return (after, tangent.next(E, zeta, q) + E_theta * z), (seen, tangent.seen(zeta, q))
-
-    first = field.first, None if tangent is None else tangent.first
-    return jax.lax.scan(on, first, inputs)[1]
+def _combined(rows: Float[Array, "few out"], by: Float[Array, " few"]) -> Float[Array, " out"]:
+    """The sum of rows, each times its number."""
+    return sum((rows[k] * by[k] for k in range(1, rows.shape[0])), rows[0] * by[0])
 
 
 def _block_length(rows: int, order: int) -> int:
