@@ -90,6 +90,26 @@ def test_fast_path_and_diffrax_give_the_same_numbers(modal):
         assert np.abs(have - want).max() < 1e-12 * max(1.0, np.abs(want).max())
 
 
+def test_times_must_increase():
+    system, inputs, time = slab(9), random_walk(20, 2, 3), np.arange(20) / 24.0
+    time[7] = time[6]
+    with pytest.raises(ValueError, match="increase from row to row"):
+        wallid.simulate(system, 0.4, time, inputs, jnp.zeros(1))
+    u, _ = jax.jit(lambda time: wallid.simulate(system, 0.4, time, inputs, jnp.zeros(1)))(jnp.asarray(time))
+    assert np.all(np.isnan(u))
+
+
+@pytest.mark.parametrize("solver", [wallid.Exponential(), diffrax.Heun()])
+def test_the_compilation_cache_takes_what_diffrax_steps(solver):
+    """JAX keeps no program that calls back into Python."""
+    system, inputs = slab(9), jnp.asarray(random_walk(20, 2, 3))
+
+    def of(time):
+        return wallid.simulate(system, 0.4, time, inputs, jnp.zeros(1), sensitivity=True, solver=solver)
+
+    assert "callback" not in str(jax.make_jaxpr(of)(jnp.arange(20) / 24.0))
+
+
 @pytest.mark.parametrize("sensitivity", [True, False])
 @pytest.mark.parametrize("free", [True, False])
 def test_one_loop_gives_what_blocks_and_lsim_give(sensitivity, free):

@@ -189,7 +189,7 @@ def outputs(system: StateSpace, state: State, q: Float[Array, " input"]) -> tupl
 class Exponential(diffrax.AbstractSolver):
     """The exact step for a `Flow`, as a diffrax solver.
 
-    Exact where no row of the inputs lies inside a step (`StepTo` the rows, or
+    Exact where no row of the inputs lies inside a step (`simulate.ToRows`, or
     `ClipStepSizeController`). The maps are kept from step to step and made anew only where the
     step's length changes. It gives no error estimate, so it takes no adaptive controller.
     """

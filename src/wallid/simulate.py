@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float, ScalarLike
 
 from .exponential import Exponential, Flow, State, outputs, step_map
@@ -24,6 +25,21 @@ _STRETCH = 4096  # rows, whole blocks of them
 ArrayLike = Array | np.ndarray
 
 Outputs = Float[Array, "time output"]
+
+
+class ToRows(diffrax.StepTo):
+    """diffrax's steps from row to row, for times that are known to increase from t0 to t1.
+
+    diffrax's own checks of that call back into Python, and JAX's compilation cache keeps no program that does.
+    """
+
+    def wrap(self, direction):
+        """The times as they are when time is turned round."""
+        return type(self)(ts=self.ts * direction)
+
+    def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
+        """The first step's end."""
+        return self.ts[1], 2
 
 
 def simulate(
@@ -60,7 +76,8 @@ def simulate(
         gives NaN or infinite values, so a sweep goes on.
 
     Raises:
-        ValueError: shapes that do not fit the model; `Exponential` with an adaptive controller.
+        ValueError: shapes that do not fit the model; times that do not increase (inside a compiled function they
+            give NaN); `Exponential` with an adaptive controller.
     """
     # as arrays, or each new number would be compiled anew
     fourier, time, inputs, initial = (_as_array(given) for given in (fourier, time, inputs, initial))
@@ -69,6 +86,8 @@ def simulate(
         raise ValueError(f"simulate: {time.shape[0]} times for {inputs.shape[0]} rows of inputs")
     if controller is not None and isinstance(solver, Exponential):
         raise ValueError("simulate: the exact solver has no error to control; leave `controller` out")
+    if not isinstance(time, Tracer) and not np.all(np.diff(time) > 0):
+        raise ValueError("simulate: the times must increase from row to row")
     return _simulate(
         system, fourier, time, inputs, initial, sensitivity, solver, controller, substeps, adjoint, max_steps
     )
@@ -94,7 +113,7 @@ def _simulate(
         fractions = jnp.arange(substeps) / substeps
         fine = (time[:-1, None] + jnp.diff(time)[:, None] * fractions).reshape(-1)
         fine = jnp.concatenate([fine, time[-1:]])
-        steps_controller = diffrax.StepTo(ts=fine)
+        steps_controller = ToRows(ts=fine)
         steps = fine.shape[0] - 1
         saveat = diffrax.SaveAt(t0=True, steps=True, fn=flow.output)
     else:
@@ -115,8 +134,8 @@ def _simulate(
         max_steps=steps,
         throw=False,
     )
-    u, theta = solution.ys  # pyright: ignore[reportGeneralTypeIssues]
-    return u[::substeps], None if theta is None else theta[::substeps]
+    increasing = jnp.all(jnp.diff(time) > 0)
+    return jax.tree.map(lambda rows: jnp.where(increasing, rows[::substeps], jnp.nan), solution.ys)
 
 
 def propagate(

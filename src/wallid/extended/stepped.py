@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..effects import Campaign, Terms
+from ..simulate import ToRows
 from .cells import Cells
 from .implicit import DiagonallyImplicit
 from .nonlinear import flow
@@ -36,7 +37,7 @@ def stepped_course(
     field = flow(wall, terms, campaign, diffusivity)
     times = jnp.arange(campaign.intervals + 1) * campaign.step
     if controller is None:
-        steps: diffrax.AbstractStepSizeController = diffrax.StepTo(ts=times)
+        steps: diffrax.AbstractStepSizeController = ToRows(ts=times)
         save, most = diffrax.SaveAt(t0=True, steps=True), campaign.intervals
     else:
         steps, save, most = controller, diffrax.SaveAt(ts=times), 256 * len(times)
