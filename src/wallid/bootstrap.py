@@ -9,9 +9,9 @@ import math
 from dataclasses import dataclass, field
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
+from ._arrays import on_device
 from .likelihood import resample
 from .settled import Settled
 
@@ -46,9 +46,9 @@ def bootstrap(settled: Settled, draws: int, seed: int) -> Bootstrap:
     found = resample(
         settled.problem,
         settled.minimum.parameters,
-        jnp.asarray(root),
+        on_device(root),
         draws,
-        jnp.asarray(settled.names.constants),
+        on_device(settled.names.constants),
         jax.random.key(seed),
     )
     away = np.asarray(found) - settled.log_alpha

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ._arrays import on_device
 from .case import Case
 from .experiment import dimensionless_profile, fit_profile, profile_degree, scales
 from .free import PROFILE_MODES, plate_outputs
@@ -86,8 +87,8 @@ class Model:
             self.system,
             jnp.asarray(fourier),
             jnp.asarray(step),
-            jnp.asarray(scale.dimensionless(faces)),
-            jnp.asarray(initial),
+            on_device(scale.dimensionless(faces)),
+            on_device(initial),
         )
         P, outputs, modes = len(self.places), len(self.outputs), min(PROFILE_MODES, case.choices.nodes - 2)
         rates = np.asarray(self.system.A)[::-1][:modes]

@@ -23,6 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
 
+from ._arrays import on_device
 from ._fields import one_of
 from ._units import DAY
 from .case import Case
@@ -199,7 +200,7 @@ def design(
             system,
             fourier,
             data,
-            jnp.asarray(starts),
+            on_device(starts),
             profiles,
             plates,
             rows=(rows,),
@@ -209,7 +210,7 @@ def design(
         )[:, :, 0]
         information = np.asarray(info) * per_alpha**2
     else:
-        info = cut_information(system, fourier, data, jnp.asarray(starts), plates, rows=rows, integrator=integrator)
+        info = cut_information(system, fourier, data, on_device(starts), plates, rows=rows, integrator=integrator)
         information = np.asarray(info) * per_alpha**2
     if sizes is None and robust != "no":  # on ln(alpha), as diffusivities are compared
         sizes = information * np.square(alphas)[:, None]

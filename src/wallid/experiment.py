@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ._arrays import on_device
 from ._columns import FEWEST_ROWS
 from ._units import DAY
 from .case import Case
@@ -70,15 +71,15 @@ class Experiment(eqx.Module):
         offsets: the sensors with an offset, by place.
     """
 
-    step: Float[Array, ""] = eqx.field(converter=jnp.asarray)
-    inputs: Float[Array, "time input"] = eqx.field(converter=jnp.asarray)
-    initial: Float[Array, " param"] = eqx.field(converter=jnp.asarray)
-    observed: Float[Array, "time sensor"] = eqx.field(converter=jnp.asarray)
-    weight: Float[Array, "time sensor"] = eqx.field(converter=jnp.asarray)
-    offset_std: Float[Array, " sensor"] = eqx.field(converter=jnp.asarray)
-    profile_per_offset: Float[Array, "param sensor"] = eqx.field(converter=jnp.asarray)
-    temperature: Float[Array, ""] = eqx.field(converter=jnp.asarray)
-    temperature_min: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+    step: Float[Array, ""] = eqx.field(converter=on_device)
+    inputs: Float[Array, "time input"] = eqx.field(converter=on_device)
+    initial: Float[Array, " param"] = eqx.field(converter=on_device)
+    observed: Float[Array, "time sensor"] = eqx.field(converter=on_device)
+    weight: Float[Array, "time sensor"] = eqx.field(converter=on_device)
+    offset_std: Float[Array, " sensor"] = eqx.field(converter=on_device)
+    profile_per_offset: Float[Array, "param sensor"] = eqx.field(converter=on_device)
+    temperature: Float[Array, ""] = eqx.field(converter=on_device)
+    temperature_min: Float[Array, ""] = eqx.field(converter=on_device)
     offsets: tuple[int, ...] = eqx.field(static=True, default=())
 
     def celsius(self, u: Array) -> Array:

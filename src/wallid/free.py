@@ -20,6 +20,7 @@ import numpy as np
 from scipy.fft import dct, idct
 from scipy.ndimage import uniform_filter1d
 
+from ._arrays import on_device
 from .case import Case
 from .displaced import faces_elsewhere, sensors_elsewhere
 from .experiment import Experiment, Window, fit_profile, large_model, scales
@@ -276,7 +277,7 @@ def plates_beside(data: Experiment, flux: np.ndarray, noise_std: float) -> Exper
     there = np.isfinite(flux)
     observed = np.concatenate([np.asarray(data.observed), np.where(there, flux, 0.0)], axis=1)
     weight = np.concatenate([np.asarray(data.weight), there / noise_std], axis=1)
-    return eqx.tree_at(lambda d: (d.observed, d.weight), data, (jnp.asarray(observed), jnp.asarray(weight)))
+    return eqx.tree_at(lambda d: (d.observed, d.weight), data, (on_device(observed), on_device(weight)))
 
 
 def plate_outputs(case: Case) -> list[Output]:

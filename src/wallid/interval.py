@@ -14,9 +14,9 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
+from ._arrays import on_device
 from .likelihood import Problem, profile
 
 _SCAN = 25  # diffusivities between the bounds, to see minima elsewhere
@@ -51,7 +51,7 @@ def interval_95(problem: Problem, at: float, std: float, quantile: float, wideni
     """
 
     def rise(points: np.ndarray) -> np.ndarray:
-        change = np.asarray(profile(problem, jnp.asarray(points))) - least
+        change = np.asarray(profile(problem, on_device(points))) - least
         return np.where(np.isfinite(change), change, np.inf)  # the model has no value there
 
     low, high = (math.log(float(end) / float(problem.start)) for end in (problem.lowest, problem.highest))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
+from ._arrays import on_device
 from ._columns import FEWEST_ROWS
 from .case import Case
 from .design import candidate_starts
@@ -81,7 +82,7 @@ def lengths(
         fourier = jnp.asarray([scales(case).fourier(alpha) for alpha in alphas])
         profiles, system = start_profiles(case, starts), large_model(case, plate_outputs(case))
         data, plates = watched(case), Plates.of(case, rows)
-        found = window_information(system, fourier, data, jnp.asarray(starts), profiles, plates, rows=rows)
+        found = window_information(system, fourier, data, on_device(starts), profiles, plates, rows=rows)
         information = np.asarray(found) * np.square(np.asarray(fourier))[:, None, None]
     best, seconds = [], np.full(len(days), np.nan)
     asked = {0, len(days) // 2, len(days) - 1}

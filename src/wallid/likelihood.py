@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Float
 
+from ._arrays import on_device
 from .experiment import Experiment
 from .gauss_newton import Trace, search
 from .noise import Bins
@@ -46,16 +47,16 @@ class Free(eqx.Module):
         log_std: the wide prior of ln(conductivity) about that. gain_std: of each plate's calibration, 1.
     """
 
-    columns: Float[Array, "param time sensor"] = eqx.field(converter=jnp.asarray)
-    at: Float[Array, " param"] = eqx.field(converter=jnp.asarray)
-    moved: Float[Array, "time sensor"] = eqx.field(converter=jnp.asarray)
-    moved_slope: Float[Array, "time sensor"] = eqx.field(converter=jnp.asarray)
-    log_alpha: Float[Array, ""] = eqx.field(converter=jnp.asarray)
-    rates: Float[Array, " mode"] = eqx.field(converter=jnp.asarray)
-    shapes: Float[Array, "sensor mode"] = eqx.field(converter=jnp.asarray)
-    mode_std: Float[Array, " mode"] = eqx.field(converter=jnp.asarray)
-    flux: Float[Array, " flux"] = eqx.field(converter=jnp.asarray, default=())
-    gain_std: Float[Array, " flux"] = eqx.field(converter=jnp.asarray, default=())
+    columns: Float[Array, "param time sensor"] = eqx.field(converter=on_device)
+    at: Float[Array, " param"] = eqx.field(converter=on_device)
+    moved: Float[Array, "time sensor"] = eqx.field(converter=on_device)
+    moved_slope: Float[Array, "time sensor"] = eqx.field(converter=on_device)
+    log_alpha: Float[Array, ""] = eqx.field(converter=on_device)
+    rates: Float[Array, " mode"] = eqx.field(converter=on_device)
+    shapes: Float[Array, "sensor mode"] = eqx.field(converter=on_device)
+    mode_std: Float[Array, " mode"] = eqx.field(converter=on_device)
+    flux: Float[Array, " flux"] = eqx.field(converter=on_device, default=())
+    gain_std: Float[Array, " flux"] = eqx.field(converter=on_device, default=())
     log_std: float = eqx.field(static=True, default=3.0)
 
     @property

@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ._arrays import on_device
 from .statespace import StateSpace, require_x64
 from .wall import Wall
 
@@ -107,7 +107,7 @@ def lom(
         C=rows[:, state],
         D=direct,
         P=np.vander(places[state], profile_degree + 1, increasing=True),
-        capacity=jnp.asarray(capacity),
+        capacity=on_device(capacity),
         output_names=tuple(output.name for output in outputs),
     )
 

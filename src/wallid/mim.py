@@ -30,6 +30,7 @@ import optimistix as optx
 from jaxtyping import Array
 from threadpoolctl import threadpool_limits
 
+from ._arrays import on_device, part_of
 from .metrics import eps_2, eps_inf
 from .simulate import Integrator
 from .statespace import StateSpace
@@ -136,11 +137,11 @@ def _first_modes(system: StateSpace, order: int) -> StateSpace:
     """A modal model without the modes past the first `order`."""
     return replace(
         system,
-        A=system.A[:order],
-        B=system.B[:order],
-        C=system.C[:, :order],
-        P=system.P[:order],
-        C_theta=None if system.C_theta is None else system.C_theta[:, :order],
+        A=part_of(system.A, slice(order)),
+        B=part_of(system.B, slice(order)),
+        C=part_of(system.C, (slice(None), slice(order))),
+        P=part_of(system.P, slice(order)),
+        C_theta=None if system.C_theta is None else part_of(system.C_theta, (slice(None), slice(order))),
     )
 
 
@@ -211,9 +212,9 @@ def _start(lom: StateSpace, order: int, setting: Setting) -> Modes:
     largest = np.where(np.abs(largest) > QUIET, largest, 1.0)
     gaps = np.maximum(np.diff(np.log(-f)), 1.001 * np.log(_POLE_RATIO))
     return Modes(
-        log_poles=jnp.asarray(np.cumsum(np.concatenate([np.log(-f[:1]), gaps]))),
-        b=jnp.asarray(b / largest[:, None]),
-        profile=jnp.asarray(np.asarray(lom.P)[slowest][:, setting.free] / largest[:, None]),
+        log_poles=on_device(np.cumsum(np.concatenate([np.log(-f[:1]), gaps]))),
+        b=on_device(b / largest[:, None]),
+        profile=on_device(np.asarray(lom.P)[slowest][:, setting.free] / largest[:, None]),
     )
 
 

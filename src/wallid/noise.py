@@ -23,6 +23,8 @@ from jaxtyping import Array, Float
 from scipy.linalg import solve_triangular, toeplitz
 from scipy.special import ndtr, stdtr
 
+from ._arrays import on_device
+
 MOST_READINGS = 1500
 """Rows are put together in bins until there are no more readings than this: their covariance is dense."""
 
@@ -39,12 +41,14 @@ class Bins(eqx.Module):
     present: Float[Array, "time sensor"]
     rows: int = eqx.field(static=True)
 
+    @eqx.filter_jit
     def mean(self, values: Float[Array, "time sensor"]) -> Float[Array, " reading"]:
         """The mean of the rows present in each bin, sensor by sensor; 0 in an empty one."""
         count = self._sum(self.present)
         total = self._sum(values * self.present)
         return (total / jnp.maximum(count, 1.0)).T.reshape(-1)
 
+    @eqx.filter_jit
     def counts(self) -> Float[Array, "bin sensor"]:
         """How many rows of each bin have a reading."""
         return self._sum(self.present)
@@ -78,7 +82,7 @@ def thinned(response: np.ndarray, bins: Bins, apart: int) -> tuple[np.ndarray, B
 
     observed, present = together(np.stack([np.asarray(bins.observed), np.asarray(bins.present)]))
     return together(response) / math.sqrt(apart), Bins(
-        jnp.asarray(observed), jnp.asarray(present), bins.rows // apart
+        on_device(observed), on_device(present), bins.rows // apart
     )  # fmt: skip
 
 

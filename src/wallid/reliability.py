@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ._arrays import on_device
 from .case import Case
 from .estimate import Estimate, paper_sigma
 from .experiment import Experiment, check_driven, experiment, fit_profile, large_model, scales, whole
@@ -125,11 +125,11 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
     check_driven(model, case, window)
     data, scale = experiment(case, window), scales(case)
     alphas = np.array([case.wall.diffusivity_prior, fit.value])
-    prior, predicted = np.asarray(data.celsius(_predict(model, jnp.asarray(scale.fourier(alphas)), data)))
+    prior, predicted = np.asarray(data.celsius(_predict(model, on_device(scale.fourier(alphas)), data)))
     offsets = np.array([fit.offsets.get(sensor.name, (0.0, 0.0))[0] for sensor in case.sensors])
     factors = np.array(_LOAD_STEPS)
     extra = large.select(list(range(sensors, 2 * sensors + 1)))
-    slopes = np.asarray(_predict(extra, jnp.asarray(scale.fourier(fit.value * factors)), data))
+    slopes = np.asarray(_predict(extra, on_device(scale.fourier(fit.value * factors)), data))
     slopes = slopes * scale.temperature / case.wall.length
     return Reliability(
         days=case.record.days[window.part],

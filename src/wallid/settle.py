@@ -13,6 +13,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from ._arrays import on_device
 from .case import Case
 from .experiment import Experiment, Window, scales
 from .filled import filled_gaps
@@ -164,7 +165,7 @@ class _Rounds:
             free=free,
             bins=self.bins,
             observed=self.bins.mean(self.bins.observed),
-            whiten=jnp.asarray(noise.whiten),
+            whiten=on_device(noise.whiten),
             fourier_per_alpha=jnp.asarray(scales(case).fourier(1.0)),
             start=jnp.asarray(start),
             lowest=jnp.asarray(self.bounds[0]),
@@ -172,7 +173,7 @@ class _Rounds:
             explicit_theta=self.explicit_theta,
             integrator=self.integrator,
         )
-        begin = jnp.asarray(np.concatenate([[math.log(value / start)], found]))
+        begin = on_device(np.concatenate([[math.log(value / start)], found]))
         at = minimise(problem, begin, jnp.asarray(self.eta), case.choices.max_iterations)
         chi_square = float(at.cost) / self.freedom if before is None else before.reduced_chi_square
         rounds = 1 if before is None else before.rounds + 1
@@ -185,7 +186,7 @@ class _Rounds:
             conductance: k/L, W/m2/K, by which a face's noise is in the fluxes.
         """
         case, data = self.case, self.data
-        response = np.array(face_response(system, jnp.asarray(fourier), data.step, data.observed.shape[0]))
+        response = np.array(face_response(system, on_device(fourier), data.step, data.observed.shape[0]))
         plates = response.shape[2] - len(case.sensors)
         response[:, :, len(case.sensors) :] *= conductance
         gaps = filled_gaps(self.fill_std, case.record.boundary_noise_std, response, self.bins)

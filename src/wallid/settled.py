@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
+from ._arrays import on_device
 from .free import Names
 from .interval import Interval, interval_95
 from .likelihood import Minimum, Problem
@@ -179,7 +180,7 @@ class Settled:
         if plates := len(self.names.fluxes):
             conductance = np.asarray(self.problem.flux_scale(self.minimum.parameters) / self.problem.data.temperature)
             apart = np.concatenate([apart[:, :-plates], conductance * apart[:, -plates:]], axis=1)
-        binned = np.asarray(self.problem.bins.mean(jnp.asarray(apart)))
+        binned = np.asarray(self.problem.bins.mean(on_device(apart)))
         return float(self.inverse[0, : len(binned)] @ (self.noise.whiten @ binned))
 
     def shares(self) -> dict[str, float]:

@@ -24,6 +24,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, ScalarLike
 
+from ._arrays import on_device, part_of
+
 _ARRAYS = ("A", "B", "C", "D", "P", "A0", "B0", "C_theta", "capacity")
 _FILE_FORMAT = 1
 
@@ -62,11 +64,11 @@ class StateSpace(eqx.Module):
         ValueError: shapes that do not fit each other, named.
     """
 
-    A: Float[Array, "node node"] | Float[Array, " node"] = eqx.field(converter=jnp.asarray)
-    B: Float[Array, "node input"] = eqx.field(converter=jnp.asarray)
-    C: Float[Array, "output node"] = eqx.field(converter=jnp.asarray)
-    D: Float[Array, "output input"] = eqx.field(converter=jnp.asarray)
-    P: Float[Array, "node param"] = eqx.field(converter=jnp.asarray)
+    A: Float[Array, "node node"] | Float[Array, " node"] = eqx.field(converter=on_device)
+    B: Float[Array, "node input"] = eqx.field(converter=on_device)
+    C: Float[Array, "output node"] = eqx.field(converter=on_device)
+    D: Float[Array, "output input"] = eqx.field(converter=on_device)
+    P: Float[Array, "node param"] = eqx.field(converter=on_device)
     A0: Float[Array, "node node"] | Float[Array, " node"] | None = None
     B0: Float[Array, "node input"] | None = None
     C_theta: Float[Array, "output node"] | None = None
@@ -130,6 +132,7 @@ class StateSpace(eqx.Module):
             rate = rate + self.B0 @ q
         return rate
 
+    @eqx.filter_jit
     def static_gain(self) -> Float[Array, "output input"]:
         """The outputs in a steady state per unit of each input, `D - C A^-1 B`.
 
@@ -163,9 +166,9 @@ class StateSpace(eqx.Module):
         rows = np.asarray(outputs)
         return dataclasses.replace(
             self,
-            C=self.C[rows],
-            D=self.D[rows],
-            C_theta=None if self.C_theta is None else self.C_theta[rows],
+            C=part_of(self.C, rows),
+            D=part_of(self.D, rows),
+            C_theta=None if self.C_theta is None else part_of(self.C_theta, rows),
             output_names=tuple(self.output_names[row] for row in outputs) if self.output_names else (),
         )
 
@@ -188,7 +191,7 @@ class StateSpace(eqx.Module):
         try:
             with np.load(path, allow_pickle=False) as file:
                 header = json.loads(str(file["header"]))
-                arrays: dict[str, Any] = {name: jnp.asarray(file[name]) for name in file.files if name in _ARRAYS}
+                arrays: dict[str, Any] = {name: on_device(file[name]) for name in file.files if name in _ARRAYS}
         except (KeyError, ValueError, OSError) as error:
             raise ValueError(f"{path}: not a model saved by wallid ({error})") from error
         if header.get("format") != _FILE_FORMAT:

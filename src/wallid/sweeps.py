@@ -18,6 +18,8 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import PyTree
 
+from ._arrays import on_device
+
 Sweep = Literal["map", "vmap"]
 """One item after the other (faster on a CPU), or all at once."""
 
@@ -120,7 +122,7 @@ def _on_mesh(function: Callable, items: PyTree, shared: tuple, way: Sweep, chunk
     arrays, static = eqx.partition(shared, lambda leaf: isinstance(leaf, jax.Array | np.ndarray))
     arrays = jax.device_put(jax.tree.map(np.asarray, arrays), NamedSharding(mesh, everywhere))
     answers = _sharded(function, spread, arrays, static, way, chunk, mesh, by_device)
-    return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[:count]), answers)
+    return jax.tree.map(lambda leaf: on_device(np.asarray(leaf)[:count]), answers)
 
 
 @eqx.filter_jit

@@ -21,7 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .simulate import Integrator, run_rows
+from ._arrays import on_device
+from .simulate import ArrayLike, Integrator, run_rows
 from .statespace import StateSpace
 from .wall import InputError
 
@@ -42,10 +43,10 @@ class Signals(eqx.Module):
         initial: the coefficients of each signal's initial profile.
     """
 
-    fourier: Float[Array, " signal"] = eqx.field(converter=jnp.asarray)
-    step: Float[Array, ""] = eqx.field(converter=jnp.asarray)
-    inputs: Float[Array, "signal time input"] = eqx.field(converter=jnp.asarray)
-    initial: Float[Array, "signal param"] = eqx.field(converter=jnp.asarray)
+    fourier: Float[Array, " signal"] = eqx.field(converter=on_device)
+    step: Float[Array, ""] = eqx.field(converter=on_device)
+    inputs: Float[Array, "signal time input"] = eqx.field(converter=on_device)
+    initial: Float[Array, "signal param"] = eqx.field(converter=on_device)
 
 
 class Modes(eqx.Module):
@@ -148,17 +149,28 @@ def setting_of(
             f"signals: no signal starts from a profile of degree {unlearned[0]}, so the reduced model "
             "cannot learn it; add one that does, or lower the large model's profile_degree"
         )
-    rms = jnp.stack([jnp.sqrt(jnp.mean(y**2, axis=(1, 2))) for y in reference])
-    every = -(-signals.inputs.shape[1] // _ENOUGH_ROWS)
-    count = sum(block[:, ::every].size for block in reference)
-    weight = jnp.where(rms > QUIET, 1.0 / jnp.where(rms > QUIET, rms, 1.0), 0.0) / np.sqrt(count)
+    u, theta = (np.asarray(course) for course in reference)
+    rms = np.stack([np.sqrt(np.mean(y**2, axis=(1, 2))) for y in (u, theta)])
+    every = -(-inputs.shape[1] // _ENOUGH_ROWS)
+    count = sum(block[:, ::every].size for block in (u, theta))
+    weight = np.where(rms > QUIET, 1.0 / np.where(rms > QUIET, rms, 1.0), 0.0) / np.sqrt(count)
     gain = lom.static_gain()
-    u_rest = reference[0] - signals.inputs @ gain.T
-    rows = [_rows(block, w, every) for block, w in zip((u_rest, reference[1]), weight, strict=True)]
-    stacked = (jnp.concatenate(rows),) if tied else tuple(rows)
-    target = tuple(jnp.pad(block, ((0, shape), (0, 0))) for block in stacked)
-    counts = jnp.asarray(np.arange(shape) < order, dtype=float)
-    return Setting(signals, gain, jnp.asarray(steady), weight, target, integrator, every, free, driven, counts)
+    u_rest = u - inputs @ np.asarray(gain).T
+    rows = [_rows(block, w, every) for block, w in zip((u_rest, theta), weight, strict=True)]
+    stacked = (np.concatenate(rows),) if tied else tuple(rows)
+    target = tuple(on_device(np.pad(block, ((0, shape), (0, 0)))) for block in stacked)
+    return Setting(
+        signals=signals,
+        static_gain=gain,
+        steady_inputs=on_device(steady),
+        weight=on_device(weight),
+        target=target,
+        integrator=integrator,
+        every=every,
+        free=free,
+        driven=driven,
+        counts=on_device(1.0 * (np.arange(shape) < order)),
+    )
 
 
 def _steady_inputs(lom: StateSpace) -> np.ndarray:
@@ -175,7 +187,9 @@ def _steady_inputs(lom: StateSpace) -> np.ndarray:
     return np.where(error < _STEADY, inputs, 0.0)
 
 
-def _rows(block: Float[Array, "signal time column"], weight: Float[Array, " signal"], every: int) -> Array:
+def _rows(
+    block: Float[ArrayLike, "signal time column"], weight: Float[ArrayLike, " signal"], every: int
+) -> Float[ArrayLike, "row column"]:
     """The rows of all signals that count, weighted, below each other."""
     weighted = block[:, ::every] * weight[:, None, None]
     return weighted.reshape(-1, block.shape[-1])
@@ -188,7 +202,7 @@ def _basis(modes: Modes, setting: Setting) -> tuple[Array, Array]:
     system = StateSpace(A=modes.poles, B=modes.inflow, C=C, D=-modes.b, P=P, driven=(True,) * inputs)
     u, theta = courses(system, setting.signals, setting.integrator)
     rows = (_rows(u, setting.weight[0], setting.every), _rows(theta, setting.weight[1], setting.every))
-    return rows[0] * setting.counts, rows[1] * setting.counts
+    return jnp.multiply(rows[0], setting.counts), jnp.multiply(rows[1], setting.counts)
 
 
 def blocks(modes: Modes, setting: Setting) -> tuple[Array, ...]:

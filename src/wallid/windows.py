@@ -11,6 +11,7 @@ import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Float, Int
 
+from ._arrays import on_device
 from .case import Case
 from .courses import Model
 from .experiment import Experiment, Window, dimensionless_profile, experiment, fit_profile, scales
@@ -80,7 +81,7 @@ def start_profiles(case: Case, starts: np.ndarray) -> StartProfiles:
     fitted = [fit_profile(case, int(row)) for row in starts]
     initial = [dimensionless_profile(profile.coefficients, scale) for profile in fitted]
     per_offset = [profile.per_reading / scale.temperature for profile in fitted]
-    return StartProfiles(jnp.asarray(np.stack(initial)), jnp.asarray(np.stack(per_offset)))
+    return StartProfiles(on_device(np.stack(initial)), on_device(np.stack(per_offset)))
 
 
 class Plates(eqx.Module):
@@ -190,7 +191,7 @@ def window_information(
     beyond = (0, max(rows))
     inputs = np.pad(np.asarray(data.inputs), (beyond, (0, 0)), mode="edge")
     weight = np.pad(np.asarray(data.weight), (beyond, (0, 0)))
-    extended = eqx.tree_at(lambda d: (d.inputs, d.weight), data, (jnp.asarray(inputs), jnp.asarray(weight)))
+    extended = eqx.tree_at(lambda d: (d.inputs, d.weight), data, (on_device(inputs), on_device(weight)))
     shared = (system, fourier, extended, plates, rows, sweep, integrator)
     return jnp.moveaxis(over_items(_of_window, (starts, profiles), *shared, way=sweep, mesh=mesh), 0, 1)
 

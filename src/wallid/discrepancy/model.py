@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._arrays import on_device
 from ..effects import SIDES, AbstractEffect, Campaign, Terms
 from ..extended import Base, base_course, face_response, first_order, respond
 from ..free import PROFILE_MODES
@@ -99,9 +100,9 @@ def first_order_columns(
     """
     count = len(theta)
     theta, direction = (_whole(part, _CHUNK) for part in (theta, direction))
-    course = _base(model, jnp.asarray(base))
+    course = _base(model, on_device(base))
     chunks = [
-        _first_order(model, bins, course, jnp.asarray(theta[some]), jnp.asarray(direction[some]))
+        _first_order(model, bins, course, on_device(theta[some]), on_device(direction[some]))
         for some in (slice(at, at + _CHUNK) for at in range(0, len(theta), _CHUNK))
     ]
     return np.concatenate([np.asarray(chunk) for chunk in chunks])[:count]
@@ -134,7 +135,7 @@ def impulses(model: Model, theta: np.ndarray) -> np.ndarray:
 
     Between its rows a reading's error is taken as a straight line. Effects at the faces (their lag) apply.
     """
-    return np.asarray(_impulses(model, jnp.asarray(theta)))
+    return np.asarray(_impulses(model, on_device(theta)))
 
 
 @eqx.filter_jit
@@ -166,11 +167,11 @@ def linearise(
     """
     count = len(directions)
     if linear:
-        value, slope = _linearise(model, bins, jnp.asarray(theta), jnp.asarray(_whole(directions, _CHUNK)))
+        value, slope = _linearise(model, bins, on_device(theta), on_device(_whole(directions, _CHUNK)))
         return np.asarray(value), np.asarray(slope)[:count]
 
     def along(some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        value, slope = _linearise_stepped(model, bins, jnp.asarray(theta), jnp.asarray(some))
+        value, slope = _linearise_stepped(model, bins, on_device(theta), on_device(some))
         return np.asarray(value), np.asarray(slope)
 
     used = np.flatnonzero(directions.any(axis=1))

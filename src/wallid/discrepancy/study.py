@@ -17,6 +17,7 @@ from threading import Lock
 import jax.numpy as jnp
 import numpy as np
 
+from .._arrays import on_device
 from .._units import DAY
 from ..case import Case
 from ..effects import AIRS, SIDES, AbstractEffect, Campaign, Search, library, record_search
@@ -216,12 +217,12 @@ def study(case: Case) -> Study:
     model = Model(
         campaign=_campaign(case, record),
         effects=effects,
-        log_prior=jnp.log(jnp.asarray(case.wall.diffusivity_prior)),
+        log_prior=jnp.log(on_device(case.wall.diffusivity_prior)),
         sensors=sensors,
         substeps=max(1, int(np.ceil(record.step / LONGEST_SUBSTEP))),
     )
     bins = Bins(
-        observed=jnp.asarray(np.where(present, record.sensors, 0.0)),
+        observed=on_device(np.where(present, record.sensors, 0.0)),
         present=jnp.asarray(present, dtype=float),
         rows=max(1, int(np.ceil(record.rows * sensors / MOST_READINGS))),
     )
@@ -259,20 +260,20 @@ def _campaign(case: Case, record: Record) -> Campaign:
     places, resistance, capacity = (case.wall.length * part for part in wall_cells(case.wall, _NODES))
     everything = np.concatenate([record.faces.ravel(), record.sensors.ravel()])
     return Campaign(
-        step=jnp.asarray(record.step),
-        faces=jnp.asarray(np.stack([cubic(record.faces[:, side]) for side in (0, 1)], axis=-1)),
-        irradiance=jnp.asarray(logged("irradiance")),
-        outdoor=jnp.asarray(logged("air_outdoor")),
-        indoor=jnp.asarray(logged("air_indoor")),
-        heating=jnp.asarray(logged("heating") / (largest or 1.0)),
-        hour=jnp.asarray(_hours(record)[:-1]),
-        start_profile=jnp.asarray(record.faces[0]),
-        reference=jnp.asarray(np.nanmean(everything)),
-        places=jnp.asarray(places),
-        resistance=jnp.asarray(resistance),
-        capacity=jnp.asarray(capacity),
-        position=jnp.asarray([sensor.position for sensor in case.sensors]),
-        length=jnp.asarray(case.wall.length),
+        step=on_device(record.step),
+        faces=on_device(np.stack([cubic(record.faces[:, side]) for side in (0, 1)], axis=-1)),
+        irradiance=on_device(logged("irradiance")),
+        outdoor=on_device(logged("air_outdoor")),
+        indoor=on_device(logged("air_indoor")),
+        heating=on_device(logged("heating") / (largest or 1.0)),
+        hour=on_device(_hours(record)[:-1]),
+        start_profile=on_device(record.faces[0]),
+        reference=on_device(np.nanmean(everything)),
+        places=on_device(places),
+        resistance=on_device(resistance),
+        capacity=on_device(capacity),
+        position=on_device([sensor.position for sensor in case.sensors]),
+        length=on_device(case.wall.length),
     )
 
 
