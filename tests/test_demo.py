@@ -20,13 +20,23 @@ DRAWN = FIGURES | DIAGNOSIS | {"orders.png"}
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """The demo in a process of its own, that tells which files it opened."""
+    """The demo in a process of its own, that tells which files it opened and which solvers it went through."""
     out = tmp_path_factory.mktemp("demo")
     script = """
 import sys
 opened = []
 sys.addaudithook(lambda event, args: opened.append(str(args[0])) if event == "open" else None)
 from wallid.cli import app
+import diffrax, optimistix
+def told(module, name):
+    solve = getattr(module, name)
+    def through(*args, **kwargs):
+        solution = solve(*args, **kwargs)
+        opened.append(f"through {module.__name__}.{name}")
+        return solution
+    setattr(module, name, through)
+told(optimistix, "least_squares")
+told(diffrax, "diffeqsolve")
 try:
     sys.argv = ["wallid", "demo", "--json", "--out", sys.argv[1]]
     app()
@@ -117,6 +127,12 @@ def test_the_twin_without_its_sun_is_adequate():
     assert found.verdict == "adequate", str(found)
     assert found.after.diffusivity == pytest.approx(1.06e-6, rel=0.015)
     assert found.interval_95[0] < 1.06e-6 < found.interval_95[1]
+
+
+def test_demo_goes_through_optimistix_and_diffrax(demo):
+    done, _ = demo
+    for solver in ("optimistix.least_squares", "diffrax.diffeqsolve"):
+        assert f"through {solver}" in done.stderr.splitlines()
 
 
 def test_demo_reads_nothing_but_its_case(demo):

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -21,7 +22,7 @@ FLAGS = ("-O3", "-march=native")  # what the issue names; -ffast-math gains noth
 
 
 def compiled(system: StateSpace, step: float, inputs: np.ndarray, initial: np.ndarray) -> Callable[[np.ndarray], tuple]:
-    """`run(fouriers)`: the last Fourier number's u and theta, each number's recurrence run in turn.
+    """`run(fouriers)`: u and theta at each Fourier number, `(number, time, sensor)`, in memory that is there already.
 
     Raises:
         AbsentError: no gcc.
@@ -35,7 +36,6 @@ def compiled(system: StateSpace, step: float, inputs: np.ndarray, initial: np.nd
     subprocess.run(["gcc", *FLAGS, *shape, "-shared", "-fPIC", "-o", str(library), str(source)], check=True)
     function = ctypes.CDLL(str(library)).recurrence
     q = np.ascontiguousarray(inputs)
-    u, theta = np.empty((len(q), sensors)), np.empty((len(q), sensors))
     start = np.ascontiguousarray(system.P @ initial)
     held: dict[float, list[np.ndarray]] = {}  # or the arrays under the pointers would go
     kept: dict[float, list[ctypes.c_void_p]] = {}
@@ -49,10 +49,15 @@ def compiled(system: StateSpace, step: float, inputs: np.ndarray, initial: np.nd
             ]
         return kept[fourier]
 
+    @cache
+    def room(count: int) -> np.ndarray:
+        return np.zeros((2, count, len(q), sensors))
+
     def run(fouriers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        for fourier in fouriers:
+        u, theta = room(len(fouriers))
+        for k, fourier in enumerate(fouriers):
             fixed = arguments(float(fourier))
-            function(ctypes.c_long(len(q)), _pointer(q), *fixed, _pointer(start), _pointer(u), _pointer(theta))
+            function(ctypes.c_long(len(q)), _pointer(q), *fixed, _pointer(start), _pointer(u[k]), _pointer(theta[k]))
         return u, theta
 
     return run
