@@ -18,7 +18,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from scipy.fft import dct, idct
-from scipy.ndimage import uniform_filter1d
 
 from ._arrays import on_device
 from .case import Case
@@ -306,6 +305,8 @@ def noise_within(readings: np.ndarray, std: float) -> np.ndarray:
 
     `P` is the readings' own power, smoothed over neighbouring frequencies.
     """
+    from scipy.ndimage import uniform_filter1d  # a quarter of a second, and the import of this package would pay it
+
     spectrum = np.asarray(dct(readings - readings.mean(), type=2, norm="ortho"))
     power = uniform_filter1d(spectrum**2, min(_SMOOTHED, len(readings)), mode="nearest")
     share = std**2 / np.maximum(power, std**2)
