@@ -16,6 +16,7 @@ from systems import DAY, LENGTH, POINTS, T_REF, faces, fourier, half_minutes, sc
 
 import wallid
 from wallid import recurrence
+from wallid._arrays import on_device, part_of
 from wallid.exponential import phi_functions, step_map
 
 
@@ -90,6 +91,16 @@ def test_fast_path_and_diffrax_give_the_same_numbers(modal):
         assert np.abs(have - want).max() < 1e-12 * max(1.0, np.abs(want).max())
 
 
+def test_numpys_arrays_are_copied_to_the_device_and_nothing_is_compiled(caplog):
+    given = np.zeros((3, 7))
+    with jax.log_compiles():
+        held = on_device(given)
+        part = part_of(held, slice(2))
+    given[:] = 1.0
+    assert np.all(np.asarray(held) == 0.0) and part.shape == (2, 7)
+    assert "Compiling" not in caplog.text
+
+
 def test_times_must_increase():
     system, inputs, time = slab(9), random_walk(20, 2, 3), np.arange(20) / 24.0
     time[7] = time[6]
@@ -110,10 +121,12 @@ def test_the_compilation_cache_takes_what_diffrax_steps(solver):
     assert "callback" not in str(jax.make_jaxpr(of)(jnp.arange(20) / 24.0))
 
 
-@pytest.mark.parametrize("sensitivity", [True, False])
-@pytest.mark.parametrize("free", [True, False])
-def test_one_loop_gives_what_blocks_and_lsim_give(sensitivity, free):
-    system = slab(9, degree=2).modal()
+@pytest.mark.parametrize(
+    ("nodes", "sensitivity", "free"),  # order 7 within one vector, 8 filling it, 21 in several
+    [(9, True, False), (9, True, True), (9, False, False), (10, True, False), (23, True, False)],
+)
+def test_one_loop_gives_what_blocks_and_lsim_give(nodes, sensitivity, free):
+    system = slab(nodes, degree=2).modal()
     if free:
         system = replace(system, C_theta=2.0 * system.C)
     time, inputs = np.arange(150) / 24.0, jnp.asarray(random_walk(150, 2, 6) + 0.3)
@@ -121,10 +134,10 @@ def test_one_loop_gives_what_blocks_and_lsim_give(sensitivity, free):
     exact = step_map(system, jnp.asarray(0.4), jnp.asarray(time[1]), sensitivity=sensitivity)
     x = system.P @ initial
     start = x, jnp.zeros_like(x) if sensitivity else None
-    u, theta = recurrence.in_one_loop(system, exact, start, inputs)
-    _, (u_blocks, theta_blocks) = recurrence.in_blocks(system, exact, start, inputs)
+    u, theta = eqx.filter_jit(recurrence.in_one_loop)(system, exact, start, inputs)
+    _, (u_blocks, theta_blocks) = eqx.filter_jit(recurrence.in_blocks)(system, exact, start, inputs)
     want, want_theta = scipy_field_and_sensitivity(
-        slab(9, degree=2), 0.4, time, np.asarray(inputs), np.asarray(initial)
+        slab(nodes, degree=2), 0.4, time, np.asarray(inputs), np.asarray(initial)
     )
     assert_allclose(u, want, atol=1e-12)
     assert_allclose(u[1:], u_blocks, atol=1e-13)
