@@ -64,7 +64,7 @@ def bins_of(present: np.ndarray, observed: np.ndarray) -> tuple[Bins, int]:
     rows = np.flatnonzero(present.any(axis=1))
     apart = math.gcd(*np.diff(rows).tolist()) if len(rows) > 1 else 1
     enough = math.ceil(present.size / apart / MOST_READINGS)
-    return Bins(jnp.asarray(observed), jnp.asarray(present, dtype=float), apart * max(1, enough)), apart
+    return Bins(on_device(observed), on_device(present.astype(float)), apart * max(1, enough)), apart
 
 
 def thinned(response: np.ndarray, bins: Bins, apart: int) -> tuple[np.ndarray, Bins]:

@@ -70,34 +70,27 @@ def in_one_loop(
     (x, theta), E, E_theta, order = state, exact.E[:, None], exact.E_theta, system.order
     # products of matrices as sums, or XLA does not make one kernel of a whole search with this in it
     first, driven = [x - times(exact.W1, inputs[0])], [exact.W0 + E * exact.W1]
-    seen = [(system.C.T, system.D.T + times(system.C, exact.W1.T))]
+    seen = [(system.C, system.D + times(system.C, exact.W1.T).T)]
     if theta is not None and E_theta is not None and exact.V0 is not None and exact.V1 is not None:
         first.append(theta - times(exact.V1, inputs[0]))
         driven.append(exact.V0 + E * exact.V1 + E_theta[:, None] * exact.W1)
-        seen.append((system.theta_outputs.T, times(system.theta_outputs, exact.V1.T)))
+        seen.append((system.theta_outputs, times(system.theta_outputs, exact.V1.T).T))
 
     width = -(-order // _LANES) * _LANES
 
     def in_lanes(parts: list[Array]) -> Array:
-        return jnp.concatenate(
-            [jnp.pad(part.T, [(0, 0)] * (part.ndim - 1) + [(0, width - order)]) for part in parts], -1
-        )
+        return jnp.concatenate([jnp.pad(part, [(0, width - order)] + [(0, 0)] * (part.ndim - 1)) for part in parts])
 
     def on(z: Array, q: Array) -> tuple[Array, tuple[Array, ...]]:
-        after = decay * z + _combined(drive, q)
+        after = decay * z + times(drive, q)
         if E_theta is not None and len(seen) > 1:
             after += jax.lax.pad(E_theta * z[:order], 0.0, [(width, width - order, 0)])
         parts = (z[k * width : k * width + order] for k in range(len(seen)))
-        return after, tuple(_combined(C, part) + _combined(D, q) for (C, D), part in zip(seen, parts, strict=True))
+        return after, tuple(times(C, part) + times(D, q) for (C, D), part in zip(seen, parts, strict=True))
 
     decay, drive = in_lanes([exact.E] * len(first)), in_lanes(driven)
     u, *y = jax.lax.scan(on, in_lanes(first), inputs)[1]
     return u, y[0] if y else None
-
-
-def _combined(rows: Float[Array, "few out"], by: Float[Array, " few"]) -> Float[Array, " out"]:
-    """The sum of rows, each times its number."""
-    return sum((rows[k] * by[k] for k in range(1, rows.shape[0])), rows[0] * by[0])
 
 
 def _block_length(rows: int, order: int) -> int:

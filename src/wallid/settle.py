@@ -186,7 +186,7 @@ class _Rounds:
             conductance: k/L, W/m2/K, by which a face's noise is in the fluxes.
         """
         case, data = self.case, self.data
-        response = np.array(face_response(system, on_device(fourier), data.step, data.observed.shape[0]))
+        response = np.array(face_response(system, jnp.asarray(fourier), data.step, data.observed.shape[0]))
         plates = response.shape[2] - len(case.sensors)
         response[:, :, len(case.sensors) :] *= conductance
         gaps = filled_gaps(self.fill_std, case.record.boundary_noise_std, response, self.bins)

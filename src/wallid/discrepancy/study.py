@@ -223,7 +223,7 @@ def study(case: Case) -> Study:
     )
     bins = Bins(
         observed=on_device(np.where(present, record.sensors, 0.0)),
-        present=jnp.asarray(present, dtype=float),
+        present=on_device(present.astype(float)),
         rows=max(1, int(np.ceil(record.rows * sensors / MOST_READINGS))),
     )
     slots, first = [], 1 + PROFILE_MODES + 2 * sensors + len(SIDES)
