@@ -1,3 +1,4 @@
+import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
@@ -15,7 +16,7 @@ def solve(residual, *, y0=(0.0, 0.0), eta=1e-12, lower=-20.0, upper=20.0, steps=
         upper=jnp.asarray(upper),
         longest_trace=steps,
     )
-    return optx.least_squares(lambda y, _: residual(y), solver, jnp.asarray(y0), max_steps=steps + 1, throw=False)
+    return optx.least_squares(lambda y, _: residual(y), solver, jnp.asarray(y0), max_steps=steps + 2, throw=False)
 
 
 def curved(y):
@@ -35,8 +36,6 @@ def test_the_trace_is_the_papers_iteration():
     solution = solve(curved, eta=1e-6)
     trace = solution.stats["trace"]
     count = int(trace.count)
-    import jax
-
     for k in range(count - 1):
         y = trace.parameters[k]
         J, r = np.asarray(jax.jacfwd(curved)(y)), np.asarray(curved(y))
@@ -63,3 +62,56 @@ def test_it_ends_at_a_bound():
 def test_a_parameter_without_information_stays_where_it_is():
     solution = solve(lambda y: jnp.stack([y[0] - 1.0, 2 * y[0] - 2.0, 0.0 * y[1]]), y0=(0.0, 0.4))
     np.testing.assert_allclose(solution.value, [1.0, 0.4], atol=1e-12)
+
+
+@pytest.mark.parametrize("steps", [60, 8])
+@pytest.mark.parametrize("size", [1, 2])
+def test_what_it_hands_out_is_the_last_iterates_own_after_a_refused_step(size, steps):
+    """With a derivative of the wrong sign every step grows the cost: the start stays, and is evaluated once more."""
+
+    @jax.custom_jvp
+    def residual(y):
+        return jnp.concatenate([jnp.exp(y) - 3.0, 2.0 * y])
+
+    residual.defjvp(lambda at, to: (residual(*at), -jnp.concatenate([jnp.exp(at[0]) * to[0], 2.0 * to[0]])))
+    start = np.full(size, 0.5)
+    solution = solve(residual, y0=start, eta=1e-6, steps=steps)
+    assert solution.result == (optx.RESULTS.successful if steps == 60 else optx.RESULTS.nonlinear_max_steps_reached)
+    np.testing.assert_array_equal(solution.value, start)
+    assert solution.stats["trace"].count == 1
+    np.testing.assert_array_equal(solution.stats["residual"], residual(jnp.asarray(start)))
+    np.testing.assert_array_equal(
+        solution.stats["jacobian"], -np.concatenate([np.diag(np.exp(start)), 2.0 * np.eye(size)])
+    )
+    if steps == 8:
+        # the start, eight tried, and the start again
+        assert solution.stats["num_steps"] == 10
+
+
+@pytest.mark.parametrize("size", [1, 2])
+def test_a_step_into_what_is_not_finite_is_halved(size):
+    def residual(y):
+        return jnp.concatenate([jnp.sqrt(1.0 - y) - 0.3, 0.1 * y])
+
+    start = np.zeros(size)
+    J, r = np.asarray(jax.jacfwd(residual)(start)), np.asarray(residual(start))
+    assert np.all(start - np.linalg.lstsq(J, r, rcond=None)[0] > 1.0)
+    inside = -np.inf, 1.0 - 1e-9
+    want = least_squares(lambda y: np.asarray(residual(jnp.asarray(y))), start, bounds=inside, xtol=1e-14).x
+    solution = solve(residual, y0=start)
+    assert solution.result == optx.RESULTS.successful
+    np.testing.assert_allclose(solution.value, want, rtol=1e-6)
+
+
+@pytest.mark.parametrize("size", [1, 2])
+def test_a_start_that_is_not_finite_is_no_minimum(size):
+    solution = solve(lambda y: jnp.log(y), y0=np.full(size, -1.0))
+    assert solution.result == optx.RESULTS.nonfinite
+    assert solution.stats["num_steps"] == 1
+
+
+def test_an_end_at_the_last_iteration_allowed_is_not_converged():
+    solution = solve(curved, steps=2)
+    assert solution.result == optx.RESULTS.nonlinear_max_steps_reached
+    assert solution.stats["num_steps"] == 3 and solution.stats["trace"].count == 3
+    np.testing.assert_allclose(solution.stats["residual"], curved(solution.value), rtol=1e-12)

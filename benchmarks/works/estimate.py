@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import wallid
-from wallid.least_squares import fit_experiment
+from wallid.least_squares import Fit, fit_experiment
 
 from ..measure import Prepared
 from ..rivals.integrators import by_lsim
@@ -24,11 +24,10 @@ def _ours(direct: Direct, system: wallid.StateSpace) -> Prepared:
     per_alpha = jnp.asarray(wallid.scales(direct.case).fourier(1.0))
     start, eta = jnp.asarray(START), jnp.asarray(ETA)
 
-    def run() -> jax.Array:
-        fit = fit_experiment(system, direct.data, per_alpha, start, eta)
-        return jax.block_until_ready(start * jnp.exp(fit.parameters[0]))
+    def run() -> Fit:
+        return jax.block_until_ready(fit_experiment(system, direct.data, per_alpha, start, eta))
 
-    return Prepared(run, _error)
+    return Prepared(run, lambda fit: _error(START * np.exp(fit.parameters[0])))
 
 
 def _error(alpha: float) -> dict[str, float]:

@@ -19,20 +19,17 @@ Source: Berger and Kadoch, Section 4.2 and Algorithm 1; Deuflhard, Newton Method
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import lineax as lx
 import optimistix as optx
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 _LONGEST = 2.0  # of a step in ln(alpha)
 _ROUND_OFF = 1e-12  # relative growth of the cost that is no growth: a sum of many squares rounds
-
-
-def _silent(**_kwargs: Any) -> None:
-    """Optimistix tells its progress to this; the trace holds what is wanted of it."""
 
 
 class Trace(eqx.Module):
@@ -45,152 +42,154 @@ class Trace(eqx.Module):
     count: Int[Array, ""]
 
 
-class _BoundedState(NamedTuple):
-    newton: Array
+class _State(eqx.Module):
+    """Where the iteration stands.
+
+    Arguments:
+        tried: what is evaluated next.
+        cost: of the last iterate.
+        newton, length: the direction there, and the share of it that leads to `tried`.
+        residual, jacobian: of the last evaluation, for whoever wants them at the minimum; no step reads them.
+        rows: what the trace is made of, parameters, cost and both gammas a row; the first `count` are iterates.
+        met: whether one of the criteria ended it.
+        returning: `tried` is the last iterate once more, so that residual, Jacobian and aux are its own and not those
+            of a step that was refused.
+    """
+
+    tried: Float[Array, " param"]
+    cost: Float[Array, ""]
+    newton: Float[Array, " param"]
+    length: Float[Array, ""]
+    residual: Float[Array, " reading"]
+    jacobian: Float[Array, "param reading"]
+    rows: Float[Array, "iterate column"]
+    count: Int[Array, ""]
+    evaluations: Int[Array, ""]
+    met: Bool[Array, ""]
+    returning: Bool[Array, ""]
     result: optx.RESULTS
 
 
-class BoundedNewton(optx.AbstractDescent):
-    """The Newton direction, cut to the longest step and to the box of its first parameter.
-
-    A parameter without any information is left where it is instead of being thrown away.
-    """
-
-    lower: Float[Array, ""]
-    upper: Float[Array, ""]
-
-    def init(self, y, f_info_struct):
-        """No step yet."""
-        return _BoundedState(y, optx.RESULTS.successful)
-
-    def query(self, y, f_info, state):
-        """The direction at `y`."""
-        jacobian = f_info.jac.as_matrix()
-        newton, result = _least_squares(jacobian, f_info.residual)
-        newton = newton * jnp.minimum(1.0, _LONGEST / jnp.maximum(jnp.abs(newton[0]), _LONGEST))
-        newton = newton.at[0].set(y[0] - jnp.clip(y[0] - newton[0], self.lower, self.upper))
-        return _BoundedState(newton, result)
-
-    def step(self, step_size, state):
-        """The step of this length along the direction."""
-        return -step_size * state.newton, state.result
-
-
-def _least_squares(jacobian: Array, residual: Array) -> tuple[Array, optx.RESULTS]:
-    """The smallest solution, by singular values; one column needs no decomposition (thousands of walls at once do)."""
-    if jacobian.shape[1] == 1:
-        size = jnp.sum(jacobian**2)
-        newton = jnp.where(size > 0, jacobian[:, 0] @ residual / jnp.where(size > 0, size, 1.0), 0.0)
-        return newton[None], optx.RESULTS.successful
-    solved = lx.linear_solve(lx.MatrixLinearOperator(jacobian), residual, lx.SVD(rcond=1e-12), throw=False)
-    return solved.value, optx.RESULTS.promote(solved.result)
-
-
-class StepHalving(optx.AbstractSearch):
-    """Take the full step; halve it while the cost grows or is not finite."""
-
-    def init(self, y, f_info_struct):
-        """The full step."""
-        return jnp.array(1.0)
-
-    def step(self, first_step, y, y_eval, f_info, f_eval_info, state):
-        """Whether to accept `y_eval`, and the next step's length."""
-        before, after = f_info.as_min(), f_eval_info.as_min()
-        accept = first_step | (after <= before * (1 + _ROUND_OFF))
-        step_size = jnp.where(accept, 1.0, 0.5 * state)
-        return step_size, accept, optx.RESULTS.successful, step_size
-
-
-class _HalvedSteps(optx.AbstractGaussNewton):
-    """Optimistix's Gauss-Newton with this module's descent and search; `GaussNewton` says when it ends."""
-
-    descent: optx.AbstractDescent
-    search: optx.AbstractSearch
-    rtol: float = eqx.field(static=True, default=0.0)
-    atol: float = eqx.field(static=True, default=0.0)
-    norm: Callable = optx.max_norm
-    verbose: Callable = eqx.field(static=True, default=_silent)
-
-
-class _TracedState(eqx.Module):
-    inner: Any
-    trace: Trace
-    stop: Array
-
-
 class GaussNewton(optx.AbstractLeastSquaresSolver):
-    """Gauss-Newton with the paper's two criteria.
+    """Gauss-Newton with the paper's two criteria, its steps bounded and halved.
 
-    In `stats`: the `trace` of its iterates; `residual`, `jacobian` and `aux` at the last of them.
+    Optimistix's own carries residual, Jacobian and aux of the last iterate from step to step, and copies them in each:
+    as much work as a reduced model. This one carries numbers, and where it ends on a refused step evaluates once more.
+
+    In `stats`: the `trace` of its iterates; `residual` and `jacobian` at the last of them, whose is `aux`.
 
     Arguments:
         eta_1, eta_2: it goes on while both relative changes are at least these.
         lower, upper: bounds of the first parameter.
-        longest_trace: the largest number of iterations.
+        longest_trace: the largest number of iterations, past which it ends as not converged; `max_steps` has to leave
+            two evaluations more, of the start and for returning.
     """
 
     eta_1: Float[Array, ""]
     eta_2: Float[Array, ""]
-    inner: _HalvedSteps
+    lower: Float[Array, ""]
+    upper: Float[Array, ""]
     longest_trace: int = eqx.field(static=True)
     rtol: float = eqx.field(static=True, default=0.0)
     atol: float = eqx.field(static=True, default=0.0)
     norm: Callable = optx.max_norm
 
-    def __init__(
-        self,
-        eta_1: Float[Array, ""],
-        eta_2: Float[Array, ""],
-        *,
-        lower: Float[Array, ""],
-        upper: Float[Array, ""],
-        longest_trace: int,
-    ):
-        self.eta_1, self.eta_2 = eta_1, eta_2
-        self.inner = _HalvedSteps(descent=BoundedNewton(lower, upper), search=StepHalving())
-        self.longest_trace = longest_trace
-
     def init(self, fn, y, args, options, f_struct, aux_struct, tags):
-        """The inner state and an empty trace."""
-        empty = jnp.full(self.longest_trace + 1, jnp.nan)
-        trace = Trace(jnp.full((*empty.shape, y.size), jnp.nan), empty, empty, empty, jnp.array(0))
-        inner = self.inner.init(fn, y, args, options, f_struct, aux_struct, tags)
-        return _TracedState(inner, trace, jnp.array(False))
+        """Nothing is evaluated yet."""
+        return _State(
+            tried=y,
+            cost=jnp.array(jnp.inf),
+            newton=jnp.zeros_like(y),
+            length=jnp.array(1.0),
+            residual=jnp.zeros(f_struct.shape),
+            jacobian=jnp.zeros(y.shape + f_struct.shape),
+            rows=jnp.full((self.longest_trace + 1, y.size + 3), jnp.nan),
+            count=jnp.array(0),
+            evaluations=jnp.array(0),
+            met=jnp.array(False),
+            returning=jnp.array(False),
+            result=optx.RESULTS.successful,
+        )
 
     def step(self, fn, y, args, options, state, tags):
         """One evaluation: an accepted one is an iterate, and is tested by the two criteria."""
-        tried, first = state.inner.y_eval, state.inner.first_step
-        y_next, inner, aux = self.inner.step(fn, y, args, options, state.inner, tags)
-        accepted = inner.num_accepted_steps > state.inner.num_accepted_steps
-        cost = jnp.sum(inner.f_info.residual**2)
-        k, trace = state.trace.count, state.trace
-        previous = trace.cost[k - 1]
-        gamma_1 = jnp.where(first, jnp.nan, jnp.abs(cost - previous) / previous)
+        tried, first = state.tried, state.evaluations == 0
+        residual, tangent, aux = jax.linearize(lambda y: fn(y, args), tried, has_aux=True)
+        jacobian = jax.vmap(tangent)(jnp.eye(y.size))
+        cost, newton, result = _newton(residual, jacobian)
+
+        accepted = ~state.returning & (first | (cost <= state.cost * (1 + _ROUND_OFF)))
+        gamma_1 = jnp.where(first, jnp.nan, jnp.abs(cost - state.cost) / state.cost)
         gamma_2 = jnp.where(first, jnp.nan, relative_change(tried, y))
-
-        def put(rows: Array, row: Array) -> Array:
-            return rows.at[k].set(jnp.where(accepted, row, rows[k]))
-
-        trace = Trace(
-            put(trace.parameters, y_next),
-            put(trace.cost, cost),
-            put(trace.gamma_1, gamma_1),
-            put(trace.gamma_2, gamma_2),
-            k + accepted,
-        )
+        # a row that is no iterate's is written over by the next, or left out of the trace
+        rows = state.rows.at[state.count].set(jnp.concatenate([tried, jnp.stack([cost, gamma_1, gamma_2])]))
         # a refused step that is already this small will not help when halved again
-        met = (accepted & (gamma_1 < self.eta_1)) | (gamma_2 < self.eta_2)
-        return y_next, _TracedState(inner, trace, met), aux
+        met = jnp.where(state.returning, state.met, (accepted & (gamma_1 < self.eta_1)) | (gamma_2 < self.eta_2))
+
+        y = jnp.where(accepted, tried, y)
+        newton = jnp.where(accepted, self._bounded(newton, y), state.newton)
+        length = jnp.where(accepted, 1.0, 0.5 * state.length)
+        returning = (met | (state.evaluations == self.longest_trace)) & ~accepted & ~state.returning
+        # a refused misfit need not be finite, the first has to be
+        result = optx.RESULTS.where(accepted, result, optx.RESULTS.successful)
+        result = optx.RESULTS.where(first & ~jnp.isfinite(cost), optx.RESULTS.nonfinite, result)
+        now = _State(
+            tried=jnp.where(returning, y, y - length * newton),
+            cost=jnp.where(accepted, cost, state.cost),
+            newton=newton,
+            length=length,
+            residual=residual,
+            jacobian=jacobian,
+            rows=rows,
+            count=state.count + accepted,
+            evaluations=state.evaluations + 1,
+            met=met,
+            returning=returning,
+            result=result,
+        )
+        return y, now, aux
+
+    def _bounded(self, newton: Array, y: Array) -> Array:
+        """The step against `newton`, cut to the longest and to the box of its first parameter."""
+        newton = newton * jnp.minimum(1.0, _LONGEST / jnp.maximum(jnp.abs(newton[0]), _LONGEST))
+        return newton.at[0].set(y[0] - jnp.clip(y[0] - newton[0], self.lower, self.upper))
 
     def terminate(self, fn, y, args, options, state, tags):
-        """Met criteria end the iteration."""
-        return state.stop, state.inner.result
+        """Met criteria end the iteration, or the last one allowed does."""
+        spent = ~state.met & (state.evaluations > self.longest_trace) & ~state.returning
+        result = optx.RESULTS.where(spent, optx.RESULTS.nonlinear_max_steps_reached, state.result)
+        return (state.met | spent) & ~state.returning, result
 
     def postprocess(self, fn, y, aux, args, options, state, tags, result):
-        """Hand out the trace, and what the last accepted evaluation found: nothing is evaluated again for it."""
-        at = state.inner
-        found = {"residual": at.f_info.residual, "jacobian": at.f_info.jac.as_matrix(), "aux": at.aux}
-        return y, aux, {"trace": state.trace, **found}
+        """Hand out the trace, and what the last evaluation found: nothing is evaluated again for it."""
+        reached = jnp.arange(len(state.rows)) < state.count
+        rows = jnp.where(reached[:, None], state.rows, jnp.nan)
+        cost, gamma_1, gamma_2 = rows[:, y.size :].T
+        trace = Trace(rows[:, : y.size], cost, gamma_1, gamma_2, state.count)
+        return y, aux, {"trace": trace, "residual": state.residual, "jacobian": state.jacobian.T}
+
+
+def _newton(
+    residual: Float[Array, " reading"], jacobian: Float[Array, "param reading"]
+) -> tuple[Array, Array, optx.RESULTS]:
+    """The cost `|r|^2`, and the smallest solution of `min |J d - r|`: a parameter without information stays.
+
+    By singular values; one column needs no decomposition (thousands of walls at once do), and its three sums are one
+    pass through the readings.
+    """
+    if jacobian.shape[0] > 1:
+        solved = lx.linear_solve(lx.MatrixLinearOperator(jacobian.T), residual, lx.SVD(rcond=1e-12), throw=False)
+        return jnp.sum(residual**2), solved.value, optx.RESULTS.promote(solved.result)
+    column = jacobian[0]
+    zero = jnp.zeros(())
+    cost, size, pull = jax.lax.reduce(
+        (residual**2, column**2, column * residual),
+        (zero, zero, zero),
+        lambda sums, more: tuple(a + b for a, b in zip(sums, more, strict=True)),
+        (0,),
+    )
+    newton = jnp.where(size > 0, pull / jnp.where(size > 0, size, 1.0), 0.0)
+    return cost, newton[None], optx.RESULTS.successful
 
 
 def search(
@@ -206,7 +205,7 @@ def search(
     """The iteration on `residual(y, args)` from `first`, through optimistix; for its `stats` see `GaussNewton`.
 
     Arguments:
-        residual: gives the residual, and what else is wanted at the minimum (`stats["aux"]`).
+        residual: gives the residual, and what else is wanted at the minimum (`aux`).
         eta: the stopping criterion on the diffusivity; its square is that on the cost.
         lower, upper: of ln(alpha/alpha_0).
     """
@@ -218,7 +217,7 @@ def search(
         upper=upper,
         longest_trace=max_iterations,
     )
-    steps = max_iterations + 1
+    steps = max_iterations + 2
     return optx.least_squares(residual, solver, first, args=args, has_aux=True, max_steps=steps, throw=False)
 
 
