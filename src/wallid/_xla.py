@@ -20,7 +20,7 @@ import jax
 
 _KNOWN = "0.10."  # jaxlibs that know these: XLA ends a process that names a flag it does not know
 _EMITTERS = "--xla_cpu_use_fusion_emitters=false"
-_LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000"
+_LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=2000000"
 
 
 def prepare_xla() -> None:

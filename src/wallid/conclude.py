@@ -194,7 +194,8 @@ def simple(told: Told) -> Estimate:
     """The paper's: plain weights, whose standard error takes noise and positions for white."""
     case, data, fit = told.case, told.data, told.fit
     assert fit is not None
-    present, weight, residual = told.present, np.asarray(data.weight), np.asarray(fit.residual)
+    present, weight = told.present, np.asarray(data.weight)
+    residual = np.asarray(data.observed) - np.asarray(fit.predicted)
     count = int(fit.trace.count)
     value = float(fit.trace.parameters[count - 1, 0])
     noise = simple_sigma(case, data, value)

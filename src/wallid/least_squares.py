@@ -37,7 +37,6 @@ class Fit(eqx.Module):
 
     parameters: Float[Array, " param"]
     trace: Trace
-    residual: Array
     predicted: Array
     jacobian: Array
     evaluations: Array
@@ -112,15 +111,14 @@ def fit_experiment(
     problem = Problem(system, data, fourier_per_alpha, start, explicit_theta, integrator)
     solution = searched(problem, eta, max_iterations)
     stats = solution.stats
-    trace, predicted = stats["trace"], solution.aux
+    trace = stats["trace"]
     trace = eqx.tree_at(
         lambda t: t.parameters, trace, trace.parameters.at[:, 0].set(start * jnp.exp(trace.parameters[:, 0]))
     )
     return Fit(
         parameters=solution.value,
         trace=trace,
-        residual=data.observed - predicted,
-        predicted=predicted,
+        predicted=solution.aux,
         jacobian=stats["jacobian"],
         evaluations=stats["num_steps"],
         converged=solution.result == optx.RESULTS.successful,
