@@ -19,6 +19,7 @@ import wallid
 from wallid import figures, plot, workflow
 from wallid import plot_discrepancy as drawn
 from wallid import plot_remainder as remainder
+from wallid._drawing import draw
 from wallid._numbers import prose
 from wallid._style import contrast
 from wallid.captions import alternative
@@ -332,7 +333,7 @@ def test_an_effect_that_may_not_stand_is_nowhere_told_as_found(explanation):
     assert not [text for text in seen if "ith the effect" in text or text == "in the model"]
     assert {"nearest effect, refused", "with the nearest effect, refused"} <= seen
     run = Run(unnamed.study.case, explanation=unnamed)
-    text = check(page_of(run, result(run), drawn_.items())).text
+    text = check(page_of(run, result(run), [draw(*one) for one in drawn_.items()])).text
     assert ">in the model<" not in text and "the nearest known effect, refused" in text
     assert all("refused" in alternative(stem, run) for stem in ("missing", "residuals"))
 

@@ -14,6 +14,7 @@ from pages import check, drawings
 
 import wallid
 from wallid import captions, plot, report, workflow
+from wallid._drawing import draw
 from wallid._numbers import number, prose, quantity
 from wallid._settings import settings
 from wallid._style import KEEP
@@ -142,12 +143,12 @@ def test_prose_has_the_powers_and_units_of_a_person():
     assert prose(told) == "1.166 × 10⁻⁶ ± 3 × 10⁻⁹ m²/s at 0.4354 m² K/W, 20 °C; m2_sensor and case-2e stay"
 
 
-def drawing(run, draw, stem="wall"):
+def drawing(run, drawn_by, stem="wall"):
     """A figure as the page holds it, after it has been drawn into a file as in every run."""
     made, ax = plot.figure()
-    draw(ax)
+    drawn_by(ax)
     made.savefig(BytesIO(), format="png")
-    page_ = check(page(run, report.result(run), [(stem, made)]))
+    page_ = check(page(run, report.result(run), [draw(stem, made)]))
     return drawings(page_)[-1]
 
 
@@ -316,7 +317,7 @@ def test_a_page_stays_under_3_mb_whatever_it_shows(run):
         made, ax = plot.figure()
         for _ in range(6):
             ax.plot(np.cumsum(rng.normal(size=19_000)))
-        figures.append((stem, made))
+        figures.append(draw(stem, made))
     text = page(run, report.result(run), figures)
     assert 100_000 < len(check(text).text.encode()) < 3e6
 

@@ -46,11 +46,13 @@ def carry_out(
         typer.Exit: status 1 where the record gives no number to rely on, 2 for bad input.
     """
     from . import report
+    from ._artist import artist
 
     try:
-        with _progress(quiet or json) as progress:
+        wanted = report.parse_formats(formats)
+        helped = "diagnose" in stages and len(stages) > 1  # there is much to draw, and time to draw it in
+        with _progress(quiet or json) as progress, artist(wanted, helped=helped) as drawing:
             progress("reading the case", 0.0)
-            wanted = report.parse_formats(formats)
             _set_up()
             case = _chosen(load(name), model, free)
             report.check_out(out)
@@ -61,10 +63,11 @@ def carry_out(
                 window=window,
                 orders=_parse_orders(orders),
                 progress=lambda stage, share: progress(stage, 0.05 + 0.8 * share),
+                before_diagnosis=drawing.begin,
                 **choices,  # pyright: ignore[reportArgumentType] (typer has checked the words)
             )
             progress("figures", 0.9)
-            written = report.write(done, out, shlex.join(["wallid", *sys.argv[1:]]), wanted)
+            written = report.write(done, out, shlex.join(["wallid", *sys.argv[1:]]), wanted, drawing)
     except InputError as error:
         refuse(error)
     if json:

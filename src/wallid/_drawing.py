@@ -6,6 +6,7 @@ import base64
 import io
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
@@ -20,18 +21,46 @@ _BLACK, _KEPT = "#000000", "#010203"  # the second stands for black that stays b
 _PALE = re.compile(r"fill: #([c-f][0-9a-f])\1\1(?=[;\"])")  # a light grey
 
 
-def sources(figures: Sequence[tuple[str, Figure]]) -> list[str]:
-    """Each figure as a data URI; where they are too large together, the largest with lines as pixels.
+Rendered = tuple[dict[str, bytes], str]
+"""A figure's files by their formats, and its data URI for the page."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure, and what was drawn of it.
 
     Arguments:
-        figures: with their stems.
+        stem: of its files. files: their contents, by format. source: a data URI, for the page.
     """
-    found = [_source(made, stem) for stem, made in figures]
+
+    stem: str
+    made: Figure
+    files: dict[str, bytes]
+    source: str
+
+
+def render(made: Figure, stem: str, formats: Sequence[str] = ()) -> Rendered:
+    """A figure's files, then the SVG without a background that the page holds."""
+    files = {}
+    for kind in formats:
+        stream = io.BytesIO()
+        save(made, stream, kind, salt=stem)
+        files[kind] = stream.getvalue()
+    return files, _source(made, stem)
+
+
+def draw(stem: str, made: Figure, formats: Sequence[str] = ()) -> Drawn:
+    """A figure, drawn."""
+    return Drawn(stem, made, *render(made, stem, formats))
+
+
+def sources(drawn: Sequence[Drawn]) -> list[str]:
+    """Each figure's data URI; where they are too large together, the largest with lines as pixels."""
+    found = [one.source for one in drawn]
     for k in sorted(range(len(found)), key=lambda k: -len(found[k])):
         if sum(map(len, found)) <= _MOST_BYTES:
             break
-        stem, made = figures[k]
-        found[k] = _source(made, stem, most_points=_FEW_POINTS)
+        found[k] = _source(drawn[k].made, drawn[k].stem, most_points=_FEW_POINTS)
     return found
 
 

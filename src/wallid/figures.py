@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from io import StringIO
+from io import BytesIO, StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,7 +54,7 @@ _NARROW = 4.0  # inches
 
 def save(
     made: Figure,
-    to: Path | StringIO,
+    to: Path | StringIO | BytesIO,
     kind: str = "",
     *,
     salt: str = "",
@@ -93,8 +93,8 @@ def _lay_out(made: Figure) -> None:
         made.set_layout_engine(None)  # to what the style in force says, which is none
 
 
-def figures(run: Run) -> Iterator[tuple[str, Figure]]:
-    """Every figure that a run has the numbers for, with its file's stem."""
+def of_stages(run: Run) -> Iterator[tuple[str, Figure]]:
+    """Every figure that a run has the numbers for but those of its diagnosis, with its file's stem."""
     with plot.style():
         made, ax = plot.figure(height=2.2 + 0.16 * len(run.case.wall.layers))
         plot.wall(ax, run.case)
@@ -125,8 +125,6 @@ def figures(run: Run) -> Iterator[tuple[str, Figure]]:
             plot.flux(axes[0], run.reliability.days, run.reliability.loads)
             plot.loads(axes[1], run.reliability.loads)
             yield "loads", made
-        if run.explanation is not None:
-            yield from diagnosis(run.explanation)
 
 
 def _record_figure(run: Run) -> Figure:

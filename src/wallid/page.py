@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import platform
 import re
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
@@ -15,9 +15,7 @@ from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from matplotlib.figure import Figure
-
-from ._drawing import sources
+from ._drawing import Drawn, draw, sources
 from ._numbers import number, prose, unit
 from ._settings import settings
 from ._tables import tables
@@ -59,12 +57,12 @@ class Picture:
     narrow: str
 
 
-def page(run: Run, result: dict[str, Any], figures: Iterable[tuple[str, Figure]], command: str = "") -> str:
+def page(run: Run, result: dict[str, Any], figures: Sequence[Drawn], command: str = "") -> str:
     """The page of a run.
 
     Arguments:
         result: the contents of result.json.
-        figures: with their stems.
+        figures: drawn.
         command: that makes the page again; empty where there was none.
     """
     return _template().render(
@@ -77,7 +75,7 @@ def page(run: Run, result: dict[str, Any], figures: Iterable[tuple[str, Figure]]
         badge=_badge(run, result),
         headline=headline(run, result),
         answer=answer(run, result),
-        pictures=_pictures(run, list(figures)),
+        pictures=_pictures(run, figures),
         tables=tables(result),
         settings=settings(run.case),
         versions=[("Python", platform.python_version()), *((name, version(name)) for name in _PACKAGES)],
@@ -180,13 +178,20 @@ def _untestable(run: Run) -> dict[str, str]:
     return {name: ", ".join(needs) for name, needs in untestable(study.sensors, study.record.regressors).items()}
 
 
-def _pictures(run: Run, figures: list[tuple[str, Figure]]) -> list[Picture]:
+def _pictures(run: Run, figures: Sequence[Drawn]) -> list[Picture]:
     """The figures as the page holds them."""
-    small = [(stem, made) for stem, made in narrow(run) if stem in {drawn for drawn, _ in figures}]
-    narrowed = dict(zip((stem for stem, _ in small), sources(small), strict=True))
+    shown = {drawn.stem for drawn in figures}
+    narrowed = {stem: draw(stem, made).source for stem, made in narrow(run) if stem in shown}
     return [
-        Picture(stem, source, alternative(stem, run), caption(stem, run), made.get_figwidth(), narrowed.get(stem, ""))
-        for (stem, made), source in zip(figures, sources(figures), strict=True)
+        Picture(
+            stem=drawn.stem,
+            source=source,
+            alt=alternative(drawn.stem, run),
+            caption=caption(drawn.stem, run),
+            width=drawn.made.get_figwidth(),
+            narrow=narrowed.get(drawn.stem, ""),
+        )
+        for drawn, source in zip(figures, sources(figures), strict=True)
     ]
 
 

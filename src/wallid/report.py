@@ -9,11 +9,14 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .result import result
 from .wall import InputError
 from .workflow import Run
+
+if TYPE_CHECKING:
+    from ._artist import Artist
 
 FORMATS = ("png", "svg", "pdf")
 """In which figures can be written."""
@@ -43,19 +46,22 @@ def parse_formats(text: str) -> tuple[str, ...]:
     return found
 
 
-def write(run: Run, out: str | Path, command: str = "", formats: Sequence[str] = ("png",)) -> list[Path]:
+def write(
+    run: Run, out: str | Path, command: str = "", formats: Sequence[str] = ("png",), artist: Artist | None = None
+) -> list[Path]:
     """Write result.json, report.html, the figures and the reduced model into a folder: all of them, or none.
 
     Arguments:
         command: that makes them again, for the report.
         formats: of the figures' files, among `FORMATS`.
+        artist: who draws, and may have begun, in formats of its own; None to begin now.
 
     Raises:
         InputError: the folder cannot be made or written.
     """
     out, own = Path(out), _name_of(command)
     with _folder(out) as made:
-        names = _fill(run, made, command, formats)
+        names = _fill(run, made, command, formats, artist)
         names += _keep(out, made, own)
         for name in names:
             os.replace(made / name, out / name)
@@ -142,17 +148,16 @@ def _folder(out: Path) -> Iterator[Path]:
         raise InputError(f"--out {out}: cannot write there ({error.strerror or error})") from error
 
 
-def _fill(run: Run, folder: Path, command: str, formats: Sequence[str]) -> list[str]:
+def _fill(run: Run, folder: Path, command: str, formats: Sequence[str], artist: Artist | None) -> list[str]:
     """Write all of it into a folder; the files' names, `result.json` last."""
-    from .figures import figures, save
+    from ._artist import Artist
     from .page import page
 
-    names, drawn = [], []
-    for stem, made in figures(run):
-        for kind in formats:
-            names.append(f"{stem}.{kind}")
-            save(made, folder / names[-1])
-        drawn.append((stem, made))
+    names, drawn = [], (artist or Artist(formats)).finish(run)
+    for one in drawn:
+        for kind, content in one.files.items():
+            names.append(f"{one.stem}.{kind}")
+            (folder / names[-1]).write_bytes(content)
     found = result(run) | ({"command": command} if command else {})
     names.append("report.html")
     (folder / names[-1]).write_text(page(run, found, drawn, command), encoding="utf-8")

@@ -130,6 +130,7 @@ def run(
     draws: int = 0,
     designing: Designing = Designing(),
     progress: Progress = lambda stage, share: None,
+    before_diagnosis: Callable[[Run], None] = lambda done: None,
 ) -> Run:
     """The method on a case; the stages asked for, in their order.
 
@@ -141,6 +142,7 @@ def run(
         draws: of a bootstrap that checks the estimate's interval; 0 for none.
         designing: by which criterion days are chosen.
         progress: told of each stage.
+        before_diagnosis: told what the other stages have found, where a diagnosis follows.
 
     Raises:
         InputError: what the case cannot give, named.
@@ -164,6 +166,7 @@ def run(
     if set(stages) - {"diagnose", "check", "campaign"}:
         _of_window(done, stages, window, orders, weights, integrator, draws, begin, designing)
     if "diagnose" in stages:
+        before_diagnosis(done)
         begin("diagnose", "diagnose: what the plain model misses")
         with done.timed("diagnose"):
             done.explanation = explain(case, progress=begin.within)
