@@ -5,6 +5,8 @@ import os
 import shutil
 import tempfile
 from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
 
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
@@ -19,13 +21,16 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # workers and commands under 
 
 from jaxtyping import install_import_hook
 
-install_import_hook("wallid", "typechecker.check")
+SOURCE = Path(find_spec("wallid").origin).parent
+# without a shape the static check of types is enough: at every call the readers' tests took a third longer
+SHAPED = [path for path in sorted(SOURCE.rglob("*.py")) if "jaxtyping" in path.read_text("utf-8")]
+install_import_hook(
+    [".".join(("wallid", *path.relative_to(SOURCE).with_suffix("").parts)) for path in SHAPED], "typechecker.check"
+)
 
 from wallid._xla import prepare_xla  # noqa: E402
 
 prepare_xla()  # as the commands do: most of the tests' time is compilation
-
-from pathlib import Path  # noqa: E402
 
 import hypothesis  # noqa: E402
 import jax  # noqa: E402

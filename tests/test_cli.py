@@ -41,7 +41,7 @@ def test_design_alone(command, tmp_path):
 
 
 def test_a_window_by_hand(command):
-    ended = command("estimate", "saint_julien", "--from-row", 240, "--json")
+    ended = command("estimate", "saint_julien", "--from-row", 240, "--model", "lom", "--json")
     assert json.loads(ended.stdout)["window"]["start"] == "2009-01-11T00:00:00"
     assert command("estimate", "saint_julien", "--from-row", 2600).exit_code == 2
 

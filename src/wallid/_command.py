@@ -67,7 +67,7 @@ def carry_out(
                 **choices,  # pyright: ignore[reportArgumentType] (typer has checked the words)
             )
             progress("figures", 0.9)
-            written = report.write(done, out, shlex.join(["wallid", *sys.argv[1:]]), wanted, drawing)
+            written = report.write(done, out, shlex.join(["wallid", *sys.argv[1:]]), artist=drawing)
     except InputError as error:
         refuse(error)
     if json:
