@@ -33,7 +33,7 @@ class Helper(Executor):
     def __init__(self, *does):
         self.does, self.asked = list(does), []
 
-    def submit(self, function, made, stem, formats):
+    def submit(self, function, stem, made, formats):
         self.asked.append(stem)
         does, future = self.does.pop(0), Future()
         if does == "refuses":
@@ -43,7 +43,7 @@ class Helper(Executor):
         if does == "dies":
             future.set_exception(BrokenProcessPool())
         if does == "draws":
-            future.set_result(function(made, stem, formats))
+            future.set_result(function(stem, made, formats))
         return future
 
 
@@ -119,4 +119,4 @@ def test_a_figure_can_be_sent(run):
 
     for stem, made in of_stages(run):
         copy = pickle.loads(pickle.dumps(made))
-        assert render(copy, stem, FORMATS) == render(made, stem, FORMATS)
+        assert render(stem, copy, FORMATS) == render(stem, made, FORMATS)

@@ -16,7 +16,7 @@ def solve(residual, *, y0=(0.0, 0.0), eta=1e-12, lower=-20.0, upper=20.0, steps=
         upper=jnp.asarray(upper),
         longest_trace=steps,
     )
-    return optx.least_squares(lambda y, _: residual(y), solver, jnp.asarray(y0), max_steps=steps + 2, throw=False)
+    return optx.least_squares(lambda y, _: residual(y), solver, jnp.asarray(y0), max_steps=None, throw=False)
 
 
 def curved(y):

@@ -69,7 +69,7 @@ class Artist:
         from ._drawing import render
 
         try:
-            return None if self._helper is None else self._helper.submit(render, made, stem, self.formats)
+            return None if self._helper is None else self._helper.submit(render, stem, made, self.formats)
         except BrokenProcessPool:
             return None
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from ._style import GREY, KEEP
-from .figures import save
+from .figures import encode
 
 _DECIMALS = re.compile(r"(\.\d\d)\d+")  # past a hundredth of a point nothing is seen
 _MOST_BYTES = 2_500_000  # of all pictures: a page stays under 3 MB
@@ -39,19 +38,14 @@ class Drawn:
     source: str
 
 
-def render(made: Figure, stem: str, formats: Sequence[str] = ()) -> Rendered:
+def render(stem: str, made: Figure, formats: Sequence[str] = ()) -> Rendered:
     """A figure's files, then the SVG without a background that the page holds."""
-    files = {}
-    for kind in formats:
-        stream = io.BytesIO()
-        save(made, stream, kind, salt=stem)
-        files[kind] = stream.getvalue()
-    return files, _source(made, stem)
+    return {kind: encode(made, kind, salt=stem) for kind in formats}, _source(made, stem)
 
 
 def draw(stem: str, made: Figure, formats: Sequence[str] = ()) -> Drawn:
     """A figure, drawn."""
-    return Drawn(stem, made, *render(made, stem, formats))
+    return Drawn(stem, made, *render(stem, made, formats))
 
 
 def sources(drawn: Sequence[Drawn]) -> list[str]:
@@ -67,9 +61,7 @@ def sources(drawn: Sequence[Drawn]) -> list[str]:
 def _source(made: Figure, stem: str, **options: int) -> str:
     """A figure as the data URI of an SVG without a background, in the colour of the reader's text."""
     _prepare(made)
-    stream = io.StringIO()
-    save(made, stream, "svg", salt=stem, facecolor="none", **options)
-    text = stream.getvalue()
+    text = encode(made, "svg", salt=stem, facecolor="none", **options).decode()
     text = re.sub(r'(?<= d=")[^"]*|(?<= [xy]=")[^"]*', lambda found: _DECIMALS.sub(r"\1", found[0]), text)
     return f"data:image/svg+xml;base64,{base64.b64encode(_in_ink(text[text.index('<svg') :]).encode()).decode()}"
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from io import BytesIO, StringIO
-from pathlib import Path
+from io import BytesIO
 from typing import TYPE_CHECKING
 
 import matplotlib as mpl
@@ -52,19 +51,11 @@ _MOST_SENSORS = 6  # of the worst week's figure
 _NARROW = 4.0  # inches
 
 
-def save(
-    made: Figure,
-    to: Path | StringIO | BytesIO,
-    kind: str = "",
-    *,
-    salt: str = "",
-    facecolor: str = "auto",
-    most_points: int = _MOST_POINTS,
-) -> None:
-    """Write a figure, the same bytes each time; of a drawing, what would be too many strokes is held as pixels.
+def encode(made: Figure, kind: str, *, salt: str, facecolor: str = "auto", most_points: int = _MOST_POINTS) -> bytes:
+    """A figure as a file, the same bytes each time; of a drawing, what would be too many strokes is held as pixels.
 
     Arguments:
-        kind: "png", "svg" or "pdf"; a path's own where it is empty.
+        kind: "png", "svg" or "pdf".
         salt: of the names within an SVG.
         facecolor: of the ground.
         most_points: of a line that is not held as pixels.
@@ -76,13 +67,13 @@ def save(
             marked = line.get_marker() not in ("None", "none", "", " ", None)
             most = min(_MOST_MARKERS, most_points) if marked else most_points
             line.set_rasterized(np.size(line.get_xdata()) > most)
-    if isinstance(to, Path):
-        kind, salt = kind or to.suffix[1:], salt or to.stem
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
     own = {"svg.hashsalt": salt, "svg.fonttype": "path", "figure.constrained_layout.use": False}
+    stream = BytesIO()
     with plot.style(), mpl.rc_context(own):  # pyright: ignore[reportArgumentType]
         _lay_out(made)
-        made.savefig(to, format=kind, facecolor=facecolor, metadata=undated)
+        made.savefig(stream, format=kind, facecolor=facecolor, metadata=undated)
+    return stream.getvalue()
 
 
 def _lay_out(made: Figure) -> None:

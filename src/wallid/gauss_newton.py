@@ -81,8 +81,7 @@ class GaussNewton(optx.AbstractLeastSquaresSolver):
     Arguments:
         eta_1, eta_2: it goes on while both relative changes are at least these.
         lower, upper: bounds of the first parameter.
-        longest_trace: the largest number of iterations, past which it ends as not converged; `max_steps` has to leave
-            two evaluations more, of the start and for returning.
+        longest_trace: the largest number of iterations, past which it ends as not converged; it needs no `max_steps`.
     """
 
     eta_1: Float[Array, ""]
@@ -217,8 +216,7 @@ def search(
         upper=upper,
         longest_trace=max_iterations,
     )
-    steps = max_iterations + 2
-    return optx.least_squares(residual, solver, first, args=args, has_aux=True, max_steps=steps, throw=False)
+    return optx.least_squares(residual, solver, first, args=args, has_aux=True, max_steps=None, throw=False)
 
 
 def relative_change(y_new: Float[Array, " param"], y: Float[Array, " param"]) -> Float[Array, ""]:
