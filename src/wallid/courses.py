@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ._arrays import on_device
+from ._programs import compiled
 from .case import Case
 from .experiment import dimensionless_profile, fit_profile, profile_degree, scales
 from .free import PROFILE_MODES, plate_outputs
@@ -106,7 +106,7 @@ class Model:
         )
 
 
-@eqx.filter_jit
+@compiled
 def _run(
     system: StateSpace,
     fourier: Float[Array, ""],

@@ -20,6 +20,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
+from ._programs import compiled
 from .case import Case
 from .experiment import Experiment, large_model, scales
 from .gauss_newton import Trace, search
@@ -89,7 +90,7 @@ def searched(problem: Problem, eta: Float[Array, ""], max_iterations: int) -> op
 
 
 # where an estimate takes a millisecond, filter_jit's own time counts
-@partial(jax.jit, static_argnames=("explicit_theta", "integrator", "max_iterations"))
+@partial(compiled, by=partial(jax.jit, static_argnames=("explicit_theta", "integrator", "max_iterations")))
 def fit_experiment(
     system: StateSpace,
     data: Experiment,
@@ -125,7 +126,7 @@ def fit_experiment(
     )
 
 
-@eqx.filter_jit
+@compiled
 def apart(
     large: StateSpace, system: StateSpace, data: Experiment, fourier: Float[Array, ""]
 ) -> Float[Array, "time sensor"]:

@@ -17,6 +17,7 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from ._arrays import on_device
+from ._programs import compiled
 from .experiment import Experiment
 from .gauss_newton import Trace, search
 from .noise import Bins
@@ -149,7 +150,7 @@ class Minimum(eqx.Module):
     converged: Array
 
 
-@eqx.filter_jit
+@compiled
 def minimise(problem: Problem, first: Float[Array, " param"], eta: Float[Array, ""], max_iterations: int) -> Minimum:
     """Gauss-Newton from `first`; one compilation for all windows of a shape."""
     solution = _search(problem, first, eta, max_iterations)
@@ -177,7 +178,7 @@ def _search(problem: Problem, first: Array, eta: Array, max_iterations: int) -> 
     )
 
 
-@eqx.filter_jit
+@compiled
 def profile(problem: Problem, log_alpha: Float[Array, " point"]) -> Float[Array, " point"]:
     """`-2 log L` at each ln(alpha/start) with all else integrated out, up to what the noise alone sets.
 
@@ -210,7 +211,7 @@ def profile(problem: Problem, log_alpha: Float[Array, " point"]) -> Float[Array,
     return jax.lax.map(cost, log_alpha)
 
 
-@eqx.filter_jit
+@compiled
 def resample(
     problem: Problem,
     parameters: Float[Array, " param"],
@@ -240,7 +241,7 @@ def _present(problem: Problem) -> Array:
     return problem.bins.counts().T.reshape(-1) > 0
 
 
-@eqx.filter_jit
+@compiled
 def face_response(
     system: StateSpace, fourier: Float[Array, ""], step: Float[Array, ""], rows: int
 ) -> Float[Array, "face time output"]:

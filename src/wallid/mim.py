@@ -31,6 +31,7 @@ from jaxtyping import Array
 from threadpoolctl import threadpool_limits
 
 from ._arrays import on_device, part_of
+from ._programs import compiled
 from .metrics import eps_2, eps_inf
 from .simulate import Integrator
 from .statespace import StateSpace
@@ -218,7 +219,7 @@ def _start(lom: StateSpace, order: int, setting: Setting) -> Modes:
     )
 
 
-@eqx.filter_jit
+@compiled
 def _search(start: Modes, setting: Setting, max_steps: int) -> tuple[Modes, Array]:
     """The best modes by Levenberg-Marquardt, and its steps.
 
@@ -252,7 +253,7 @@ def _search(start: Modes, setting: Setting, max_steps: int) -> tuple[Modes, Arra
     return decode(solution.value), solution.stats["num_steps"]
 
 
-@eqx.filter_jit
+@compiled
 def _assemble(lom: StateSpace, modes: Modes, setting: Setting) -> tuple[StateSpace, Array]:
     """The reduced model with its H, and R of its basis."""
     pairs = zip(blocks(modes, setting), setting.target, strict=True)

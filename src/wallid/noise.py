@@ -24,6 +24,7 @@ from scipy.linalg import solve_triangular, toeplitz
 from scipy.special import ndtr, stdtr
 
 from ._arrays import on_device
+from ._programs import compiled
 
 MOST_READINGS = 1500
 """Rows are put together in bins until there are no more readings than this: their covariance is dense."""
@@ -41,14 +42,14 @@ class Bins(eqx.Module):
     present: Float[Array, "time sensor"]
     rows: int = eqx.field(static=True)
 
-    @eqx.filter_jit
+    @compiled
     def mean(self, values: Float[Array, "time sensor"]) -> Float[Array, " reading"]:
         """The mean of the rows present in each bin, sensor by sensor; 0 in an empty one."""
         count = self._sum(self.present)
         total = self._sum(values * self.present)
         return (total / jnp.maximum(count, 1.0)).T.reshape(-1)
 
-    @eqx.filter_jit
+    @compiled
     def counts(self) -> Float[Array, "bin sensor"]:
         """How many rows of each bin have a reading."""
         return self._sum(self.present)

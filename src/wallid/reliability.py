@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Float
 
 from ._arrays import on_device
+from ._programs import compiled
 from .case import Case
 from .estimate import Estimate, paper_sigma
 from .experiment import Experiment, check_driven, experiment, fit_profile, large_model, scales, whole
@@ -147,7 +147,7 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
     )
 
 
-@eqx.filter_jit
+@compiled
 def _predict(system: StateSpace, fourier: Float[Array, " case"], data: Experiment) -> Float[Array, "case time output"]:
     """Dimensionless outputs at each diffusivity."""
     return jax.lax.map(lambda fo: simulate(system, fo, data.time, data.inputs, data.initial)[0], fourier)

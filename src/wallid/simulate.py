@@ -9,13 +9,13 @@ from functools import partial
 from typing import Literal
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, ScalarLike
 
+from ._programs import compiled
 from .exponential import Exponential, Flow, State, outputs, step_map
 from .recurrence import in_blocks, in_one_loop, in_turn, is_small
 from .statespace import StateSpace
@@ -93,7 +93,7 @@ def simulate(
     )
 
 
-@eqx.filter_jit
+@compiled
 def _simulate(
     system: StateSpace,
     fourier: Array,
@@ -159,7 +159,9 @@ def propagate(
     return _propagate(system, fourier, step, inputs, initial, sensitivity)
 
 
-@partial(jax.jit, static_argnames="sensitivity")  # where a run takes 0.1 ms, filter_jit's own time counts
+@partial(
+    compiled, by=partial(jax.jit, static_argnames="sensitivity")
+)  # where a run takes 0.1 ms, filter_jit's own time counts
 def _propagate(
     system: StateSpace, fourier: Array, step: Array, inputs: Array, initial: Array, sensitivity: bool
 ) -> tuple[Outputs, Outputs | None]:

@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Array, Float, ScalarLike
 
 from ._arrays import on_device, part_of
+from ._programs import compiled
 
 _ARRAYS = ("A", "B", "C", "D", "P", "A0", "B0", "C_theta", "capacity")
 _FILE_FORMAT = 1
@@ -132,7 +133,7 @@ class StateSpace(eqx.Module):
             rate = rate + self.B0 @ q
         return rate
 
-    @eqx.filter_jit
+    @compiled
     def static_gain(self) -> Float[Array, "output input"]:
         """The outputs in a steady state per unit of each input, `D - C A^-1 B`.
 
@@ -210,7 +211,7 @@ class StateSpace(eqx.Module):
         )
 
 
-@eqx.filter_jit
+@compiled
 def _to_modes(system: StateSpace, capacity: Float[Array, " node"]) -> StateSpace:
     root = jnp.sqrt(capacity)
     f, Q = jnp.linalg.eigh(root[:, None] * system.A / root)

@@ -19,6 +19,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import PyTree
 
 from ._arrays import on_device
+from ._programs import compiled
 
 Sweep = Literal["map", "vmap"]
 """One item after the other (faster on a CPU), or all at once."""
@@ -76,7 +77,7 @@ def sweep(
     return _on_mesh(function, items, shared, way, chunk, mesh)
 
 
-@eqx.filter_jit
+@compiled
 def _on_one(function: Callable, items: PyTree, shared: tuple, way: Sweep, chunk: int) -> PyTree:
     return rows(function, items, shared, way, chunk)
 
@@ -125,7 +126,7 @@ def _on_mesh(function: Callable, items: PyTree, shared: tuple, way: Sweep, chunk
     return jax.tree.map(lambda leaf: on_device(np.asarray(leaf)[:count]), answers)
 
 
-@eqx.filter_jit
+@compiled
 def _sharded(
     function: Callable,
     items: PyTree,

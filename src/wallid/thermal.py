@@ -17,6 +17,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from ._programs import compiled
 from .case import Case
 from .experiment import Window, experiment, whole
 from .free import fluxes_of
@@ -206,7 +207,7 @@ def _held_out(case: Case, window: Window, settled: Settled) -> HeldOut | None:
     )
 
 
-@eqx.filter_jit
+@compiled
 def _linear(problem: Problem, free: Free, y: Float[Array, " param"]) -> tuple[Array, Array]:
     """Predictions at the rows and their derivatives, `(time, channel, param)`."""
     problem = eqx.tree_at(lambda p: p.free, problem, free)

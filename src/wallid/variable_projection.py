@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ._arrays import on_device
+from ._programs import compiled
 from .simulate import ArrayLike, Integrator, run_rows
 from .statespace import StateSpace
 from .wall import InputError
@@ -103,7 +104,7 @@ class Setting(eqx.Module):
         return (modes.b @ self.steady_inputs).at[:, self.free].set(modes.profile)
 
 
-@eqx.filter_jit
+@compiled
 def courses(system: StateSpace, signals: Signals, integrator: Integrator) -> tuple[Array, Array]:
     """A model's u and theta in each signal, `(signal, time, output)`."""
 

@@ -12,6 +12,7 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Float, Int
 
 from ._arrays import on_device
+from ._programs import compiled
 from .case import Case
 from .courses import Model
 from .experiment import Experiment, Window, dimensionless_profile, experiment, fit_profile, scales
@@ -223,7 +224,7 @@ def _of_window(
     return jax.vmap(at)(fourier) if sweep == "vmap" else jax.lax.map(at, fourier)
 
 
-@eqx.filter_jit
+@compiled
 def cut_information(
     system: StateSpace,
     fourier: Float[Array, " case"],

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._arrays import on_device
+from .._programs import compiled
 from ..effects import SIDES, AbstractEffect, Campaign, Terms
 from ..extended import Base, base_course, face_response, first_order, respond
 from ..free import PROFILE_MODES
@@ -108,12 +109,12 @@ def first_order_columns(
     return np.concatenate([np.asarray(chunk) for chunk in chunks])[:count]
 
 
-@eqx.filter_jit
+@compiled
 def _base(model: Model, theta: Float[Array, " param"]) -> Base:
     return model.base(theta)
 
 
-@eqx.filter_jit
+@compiled
 def _first_order(
     model: Model,
     bins: Bins,
@@ -124,7 +125,7 @@ def _first_order(
     return jax.vmap(lambda *pair: bins.mean(model.first_order(base, *pair)))(theta, direction)
 
 
-@eqx.filter_jit
+@compiled
 def predict(model: Model, theta: Float[Array, " param"], linear: bool) -> Float[Array, "time sensor"]:
     """The inner sensors' readings, degC."""
     return model.predict(theta, linear=linear)
@@ -138,7 +139,7 @@ def impulses(model: Model, theta: np.ndarray) -> np.ndarray:
     return np.asarray(_impulses(model, on_device(theta)))
 
 
-@eqx.filter_jit
+@compiled
 def _impulses(model: Model, theta: Float[Array, " param"]) -> Float[Array, "face time sensor"]:
     campaign = model.campaign
     still = jnp.zeros_like(campaign.faces)
@@ -194,7 +195,7 @@ def _whole(rows: np.ndarray, chunk: int) -> np.ndarray:
     return np.concatenate([rows, np.repeat(rows[-1:], -len(rows) % chunk, axis=0)])
 
 
-@eqx.filter_jit
+@compiled
 def _linearise(
     model: Model, bins: Bins, theta: Float[Array, " param"], directions: Float[Array, "direction param"]
 ) -> tuple[Float[Array, "time sensor"], Float[Array, "direction reading"]]:
@@ -203,7 +204,7 @@ def _linearise(
     return values[0], slopes.reshape(directions.shape[0], -1)
 
 
-@eqx.filter_jit
+@compiled
 def _linearise_stepped(
     model: Model, bins: Bins, theta: Float[Array, " param"], directions: Float[Array, "direction param"]
 ) -> tuple[Float[Array, "time sensor"], Float[Array, "direction reading"]]:
