@@ -42,6 +42,11 @@ class Bins(eqx.Module):
     present: Float[Array, "time sensor"]
     rows: int = eqx.field(static=True)
 
+    @property
+    def readings(self) -> int:
+        """How many means there are."""
+        return -(-self.observed.shape[0] // self.rows) * self.observed.shape[1]
+
     @compiled
     def mean(self, values: Float[Array, "time sensor"]) -> Float[Array, " reading"]:
         """The mean of the rows present in each bin, sensor by sensor; 0 in an empty one."""

@@ -23,7 +23,8 @@ from ..extended import Base, base_course, face_response, first_order, respond
 from ..free import PROFILE_MODES
 from ..noise import Bins
 
-_CHUNK = 4  # columns at once: more would not fit the cache
+_COLUMNS = 32  # of a look: one after the other, in one compiled function
+_CHUNK = 2  # directions side by side of a linear wall: more would not fit the cache
 # of a stepped wall, whose steps are many and small: the more share one, the better; yet two cores are at hand
 _STEPPED_CHUNK = 10
 
@@ -99,14 +100,18 @@ def first_order_columns(
     Returns:
         `(column, reading)`.
     """
-    count = len(theta)
-    theta, direction = (_whole(part, _CHUNK) for part in (theta, direction))
     course = _base(model, on_device(base))
-    chunks = [
-        _first_order(model, bins, course, on_device(theta[some]), on_device(direction[some]))
-        for some in (slice(at, at + _CHUNK) for at in range(0, len(theta), _CHUNK))
+    parts = [slice(at, at + _COLUMNS) for at in range(0, len(theta), _COLUMNS)]
+    columns = [
+        _first_order(model, bins, course, on_device(_whole(theta[some], _COLUMNS)), on_device(_padded(direction[some])))
+        for some in parts
     ]
-    return np.concatenate([np.asarray(chunk) for chunk in chunks])[:count]
+    return np.concatenate([np.asarray(part) for part in columns])[: len(theta)]
+
+
+def _padded(directions: np.ndarray) -> np.ndarray:
+    """With zeros up to `_COLUMNS`: nothing is computed of them, and nothing compiled anew for another number."""
+    return np.concatenate([directions, np.zeros((_COLUMNS - len(directions), directions.shape[1]))])
 
 
 @compiled
@@ -122,7 +127,11 @@ def _first_order(
     theta: Float[Array, "column param"],
     direction: Float[Array, "column param"],
 ) -> Float[Array, "column reading"]:
-    return jax.vmap(lambda *pair: bins.mean(model.first_order(base, *pair)))(theta, direction)
+    def column(pair: tuple[Array, Array]) -> Array:
+        moving = jnp.any(pair[1] != 0.0)
+        return jax.lax.cond(moving, lambda: bins.mean(model.first_order(base, *pair)), lambda: jnp.zeros(bins.readings))
+
+    return jax.lax.map(column, (theta, direction))
 
 
 @compiled
@@ -199,25 +208,25 @@ def _whole(rows: np.ndarray, chunk: int) -> np.ndarray:
 def _linearise(
     model: Model, bins: Bins, theta: Float[Array, " param"], directions: Float[Array, "direction param"]
 ) -> tuple[Float[Array, "time sensor"], Float[Array, "direction reading"]]:
+    value, along = jax.linearize(lambda t: model.predict(t, linear=True), theta)
+
+    def slopes(some: Array) -> Array:
+        return jax.vmap(lambda direction: bins.mean(along(direction)))(some)
+
+    def some_slopes(some: Array) -> Array:
+        """Where every direction is 0 nothing is computed."""
+        return jax.lax.cond(jnp.any(some != 0.0), slopes, lambda some: jnp.zeros((some.shape[0], bins.readings)), some)
+
     chunks = directions.reshape(-1, _CHUNK, directions.shape[1])
-    values, slopes = jax.lax.map(lambda some: _along(model, bins, theta, some, linear=True), chunks)
-    return values[0], slopes.reshape(directions.shape[0], -1)
+    return value, jax.lax.map(some_slopes, chunks).reshape(directions.shape[0], bins.readings)
 
 
 @compiled
 def _linearise_stepped(
     model: Model, bins: Bins, theta: Float[Array, " param"], directions: Float[Array, "direction param"]
 ) -> tuple[Float[Array, "time sensor"], Float[Array, "direction reading"]]:
-    return _along(model, bins, theta, directions, linear=False)
-
-
-def _along(
-    model: Model, bins: Bins, theta: Array, directions: Array, *, linear: bool
-) -> tuple[Float[Array, "time sensor"], Float[Array, "direction reading"]]:
-    """Predictions and their binned derivatives along directions, all at once."""
-
     def one(direction: Array) -> tuple[Array, Array]:
-        value, slope = jax.jvp(lambda t: model.predict(t, linear=linear), (theta,), (direction,))
+        value, slope = jax.jvp(lambda t: model.predict(t, linear=False), (theta,), (direction,))
         return value, bins.mean(slope)
 
     return jax.vmap(one, out_axes=(None, 0))(directions)

@@ -7,7 +7,7 @@ paper's sensitivity system once more, `theta' = A theta + df/dphi`.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,25 +15,29 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..effects import Campaign, Terms
-from .cells import Cells, at_rows, cells, coefficients, rate, start
+from .cells import Cells, at_rows, cells, start
 from .linear import Modes, modes
 from .nonlinear import flow
 from .sensors import readings
 
 
 class Base(NamedTuple):
-    """A linear wall's course on equal parts of each interval between rows: what the effects act upon."""
+    """A linear wall's course on equal parts of each interval between rows: what the effects act upon.
+
+    Arguments:
+        course: in modes. step: of a part, s. faces: the inputs, those after the faces as zeros.
+        temperatures: at all nodes, faces included, degC.
+        flux: between them, over the capacity of a metre of the wall, K m/s. warming: what it makes of each node, K/s.
+    """
 
     wall: Cells
     system: Modes
     course: Float[Array, "part mode"]
     step: Array
     faces: Float[Array, "part input"]
-
-    @property
-    def temperatures(self) -> Float[Array, "part node"]:
-        """At the nodes, degC."""
-        return self.course @ self.system.out.T
+    temperatures: Float[Array, "part all"]
+    flux: Float[Array, "part cell"]
+    warming: Float[Array, "part node"]
 
 
 def first_order(
@@ -56,14 +60,19 @@ def first_order(
     """
     system = base.system
     (here, _), (moved, initial) = jax.jvp(lambda some: _held(some, campaign, profile), (terms,), (change,))
-    f = _source(base, moved, terms, change, campaign, diffusivity) @ system.into.T
-    lines = jnp.stack([f[:-1], jnp.diff(f, axis=0)], axis=1)
-    m = system.run_in_modes(system.into @ initial, lines, base.step)[::substeps]
+
+    def heated() -> tuple[Array, Array]:
+        """What a source inside the wall makes of the modes, and the source, at each row."""
+        f = _source(base, moved, terms, change, campaign, diffusivity) @ system.into.T
+        return system.run_on_lines(f, base.step, parts=substeps), f[::substeps]
+
+    still = jnp.zeros((campaign.intervals + 1, system.poles.shape[0]))
+    m, f = jax.lax.cond(_acts_inside(moved, change), heated, lambda: (still, still))
     # other inputs, and what changes the faces, are cubics that may jump at a row
     drive = jnp.concatenate([here.course[..., 2:], moved.course], axis=-1)
     inputs = jnp.concatenate([system.into @ moved.other, system.inputs], axis=1)
-    m = m + system.run(jnp.zeros_like(initial), drive, inputs, campaign.step)
-    rates = m * system.poles + f[::substeps] + at_rows(drive, campaign.step)[0] @ inputs.T
+    m = m + system.run(system.into @ initial, drive, inputs, campaign.step)
+    rates = m * system.poles + f + at_rows(drive, campaign.step)[0] @ inputs.T
     q, _ = at_rows(base.wall.course, campaign.step)
     course = base.course[::substeps]
     warming = course * system.poles + q @ system.inputs.T
@@ -86,7 +95,9 @@ def base_course(
     system, inputs = modes(wall, diffusivity), _finer(wall.course, substeps)
     course = system.run(system.into @ start(wall, campaign, profile), inputs, system.inputs, step)
     q, _ = at_rows(inputs, step)
-    return Base(wall, system, course, step, q.at[:, 2:].set(0.0))
+    T = jnp.concatenate([q[:, :1], course @ system.out.T, q[:, 1:2]], axis=1)
+    flux = diffusivity * jnp.diff(T, axis=1) / wall.resistance
+    return Base(wall, system, course, step, q.at[:, 2:].set(0.0), T, flux, jnp.diff(flux, axis=1) / wall.capacity)
 
 
 def _held(terms: Terms, campaign: Campaign, profile: Array) -> tuple[Cells, Array]:
@@ -95,26 +106,46 @@ def _held(terms: Terms, campaign: Campaign, profile: Array) -> tuple[Cells, Arra
     return wall, start(wall, campaign, profile)
 
 
+def _acts_inside(moved: Cells, change: Terms) -> Array:
+    """Whether a change reaches the wall's own rate, and not its faces, inputs or readings alone."""
+    moving = moved.resistance, moved.capacity, moved.advection, moved.loss, change.drift, change.wettings
+    return _any((moving, _of_temperature(change)))
+
+
+def _of_temperature(change: Terms) -> tuple[Any, ...]:
+    return change.conductivity_slope, change.capacity_slope, change.latent
+
+
+def _any(tree: Any) -> Array:
+    return jnp.any(jnp.stack([jnp.any(leaf != 0.0) for leaf in jax.tree.leaves(tree)]))
+
+
 def _source(
     base: Base, moved: Cells, terms: Terms, change: Terms, campaign: Campaign, diffusivity: Array
 ) -> Float[Array, "part node"]:
     """What a change of the cells and of their materials makes of the base's temperatures and faces, K/s."""
-    T = base.temperatures
-    t = jnp.arange(T.shape[0]) * base.step
+    wall, T = base.wall, base.temperatures
 
-    def rates(wall: Cells, factor: Array, conductivity: Array, capacity: Array) -> Array:
-        matrix = jax.vmap(coefficients, (None, 0, 0))(wall, diffusivity * factor[:, None] * conductivity, capacity)
-        return jax.vmap(rate, (None, 0, 0, 0))(wall, matrix, T, base.faces)
+    def factor(some: Terms) -> Array:
+        field = flow(wall, some, campaign, diffusivity)
+        return jax.vmap(field.factor)(jnp.arange(T.shape[0]) * base.step)
 
-    def material(some: Terms) -> tuple[Array, Array, Array]:
-        """What depends on time and temperature: of the diffusivity, of conductivity and capacity."""
-        field = flow(base.wall, some, campaign, diffusivity)
-        return jax.vmap(field.factor)(t), *jax.vmap(field.factors)(T, base.faces)
+    def material(some: Terms) -> tuple[Array, Array]:
+        return jax.vmap(flow(wall, some, campaign, diffusivity).factors)(T[:, 1:-1], base.faces)
 
-    # linearised at the base, so that `vmap` over changes shares all but products with the change
-    neutral = jnp.ones_like(t), jnp.ones((len(t), base.wall.resistance.shape[0])), jnp.ones_like(T)
-    _, along = jax.linearize(rates, base.wall, *neutral)
-    return along(moved, *jax.jvp(material, (terms,), (change,))[1])
+    def conducted(conductivity: Array, capacity: Array) -> Array:
+        """What relative changes of the cells' conductances and the nodes' capacities make of the nodes, K/s."""
+        return jnp.diff(base.flux * conductivity, axis=1) / wall.capacity - base.warming * capacity
+
+    more = jax.jvp(factor, (terms,), (change,))[1][:, None] - moved.resistance / wall.resistance
+    heavier = moved.capacity / wall.capacity
+
+    def by_temperature() -> Array:
+        conductivity, capacity = jax.jvp(material, (terms,), (change,))[1]
+        return conducted(conductivity + more, capacity + heavier)
+
+    inside = jax.lax.cond(_any(_of_temperature(change)), by_temperature, lambda: conducted(more, heavier))
+    return inside - moved.advection * (T[:, 2:] - T[:, :-2]) - moved.loss * T[:, 1:-1]
 
 
 def _finer(course: Float[Array, "interval power input"], parts: int) -> Float[Array, "part power input"]:

@@ -41,12 +41,12 @@ class Modes(eqx.Module):
         weights = self._weights(course.shape[1], step)[:, :, None] * inputs
         return self._stepped(initial, jnp.einsum("njq,jmq->nm", course, weights), step)
 
-    def run_in_modes(
-        self, initial: Float[Array, " mode"], drive: Float[Array, "interval power mode"], step: Array
-    ) -> Float[Array, "time mode"]:
-        """The same where each mode has a polynomial of its own."""
-        weights = self._weights(drive.shape[1], step)
-        return self._stepped(initial, sum((drive[:, j] * w for j, w in enumerate(weights)), jnp.zeros(())), step)
+    def run_on_lines(self, rates: Float[Array, "point mode"], step: Array, *, parts: int) -> Float[Array, "time mode"]:
+        """The modes at each row from rest, each driven by straight lines between points, `parts` to a row; exact."""
+        first, rising = self._weights(2, step)
+        driven = (rates[:-1] * (first - rising) + rates[1:] * rising).reshape(-1, parts, rates.shape[1])
+        fade = jnp.exp(step * self.poles * jnp.arange(parts - 1, -1, -1)[:, None])
+        return self._stepped(jnp.zeros_like(self.poles), jnp.sum(fade * driven, axis=1), parts * step)
 
     def _weights(self, powers: int, step: Array) -> Float[Array, "power mode"]:
         """`h j! phi_{j+1}(z)`: what a power of the time in a step adds to a mode."""
