@@ -167,9 +167,10 @@ def _find(folder: Path, call: _Call) -> _Program | None:
 def _write(path: Path, content: bytes) -> None:
     """Whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as half:
-        half.write(content)
-    os.replace(half.name, path)
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".") as beside:
+        half = Path(beside, path.name)
+        half.write_bytes(content)
+        half.replace(path)
 
 
 def _folder() -> Path | None:

@@ -27,7 +27,7 @@ class Base(NamedTuple):
     Arguments:
         course: in modes. step: of a part, s. faces: the inputs, those after the faces as zeros.
         temperatures: at all nodes, faces included, degC.
-        flux: between them, over the capacity of a metre of the wall, K m/s. warming: what it makes of each node, K/s.
+        flux: between them, over the capacity of a metre of the wall, K m/s. conducted: what it makes of the nodes, K/s.
     """
 
     wall: Cells
@@ -37,7 +37,7 @@ class Base(NamedTuple):
     faces: Float[Array, "part input"]
     temperatures: Float[Array, "part all"]
     flux: Float[Array, "part cell"]
-    warming: Float[Array, "part node"]
+    conducted: Float[Array, "part node"]
 
 
 def first_order(
@@ -123,7 +123,13 @@ def _any(tree: Any) -> Array:
 def _source(
     base: Base, moved: Cells, terms: Terms, change: Terms, campaign: Campaign, diffusivity: Array
 ) -> Float[Array, "part node"]:
-    """What a change of the cells and of their materials makes of the base's temperatures and faces, K/s."""
+    """What a change of the cells and of their materials makes of the base's temperatures and faces, K/s::
+
+        f = d(F (s + kappa - R/R_0)) / C - F_C (gamma + C'/C) - v' dT - s_a' T
+
+    with F the base's flux, F_C = dF/C what it makes of the nodes, and the changes of the diffusivity's factor s, of
+    conductivity kappa, resistance R, capacity gamma by temperature and C of a node, air flow v' and loss s_a'.
+    """
     wall, T = base.wall, base.temperatures
 
     def factor(some: Terms) -> Array:
@@ -133,19 +139,19 @@ def _source(
     def material(some: Terms) -> tuple[Array, Array]:
         return jax.vmap(flow(wall, some, campaign, diffusivity).factors)(T[:, 1:-1], base.faces)
 
-    def conducted(conductivity: Array, capacity: Array) -> Array:
-        """What relative changes of the cells' conductances and the nodes' capacities make of the nodes, K/s."""
-        return jnp.diff(base.flux * conductivity, axis=1) / wall.capacity - base.warming * capacity
+    conductance = jax.jvp(factor, (terms,), (change,))[1][:, None] - moved.resistance / wall.resistance
+    capacity = moved.capacity / wall.capacity
 
-    more = jax.jvp(factor, (terms,), (change,))[1][:, None] - moved.resistance / wall.resistance
-    heavier = moved.capacity / wall.capacity
+    def conducted(conductance: Array, capacity: Array) -> Array:
+        return jnp.diff(base.flux * conductance, axis=1) / wall.capacity - base.conducted * capacity
 
     def by_temperature() -> Array:
-        conductivity, capacity = jax.jvp(material, (terms,), (change,))[1]
-        return conducted(conductivity + more, capacity + heavier)
+        more, heavier = jax.jvp(material, (terms,), (change,))[1]
+        return conducted(conductance + more, capacity + heavier)
 
-    inside = jax.lax.cond(_any(_of_temperature(change)), by_temperature, lambda: conducted(more, heavier))
-    return inside - moved.advection * (T[:, 2:] - T[:, :-2]) - moved.loss * T[:, 1:-1]
+    moving = _any(_of_temperature(change))
+    conduction = jax.lax.cond(moving, by_temperature, lambda: conducted(conductance, capacity))
+    return conduction - moved.advection * (T[:, 2:] - T[:, :-2]) - moved.loss * T[:, 1:-1]
 
 
 def _finer(course: Float[Array, "interval power input"], parts: int) -> Float[Array, "part power input"]:
