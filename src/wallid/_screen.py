@@ -7,6 +7,7 @@ found. Effects that `diagnose` looks for (a drift, a sudden wetting, the sun) ch
 from __future__ import annotations
 
 import numpy as np
+import scipy
 
 _SPIKE_ROWS = 3  # a longer excursion is no spike,
 _SPIKE_SECONDS = 1800.0  # nor one of several readings that lasts longer: the sun, or an open door
@@ -120,10 +121,10 @@ def stuck(values: np.ndarray) -> np.ndarray:
 
 def _moves(values: np.ndarray, start: int, length: int, span: int, least: float) -> bool:
     """Whether almost all stretches of `span` readings outside a run move by more than `least`."""
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d  # a quarter of a second, for runs alone
 
     half = span // 2
-    moves = maximum_filter1d(values, span) - minimum_filter1d(values, span)  # about each reading
+    largest, smallest = (f(values, span) for f in (scipy.ndimage.maximum_filter1d, scipy.ndimage.minimum_filter1d))
+    moves = largest - smallest  # about each reading
     centres = np.arange(len(values))
     whole = (centres >= half) & (centres < len(values) - half)
     apart = (centres + half < start) | (centres - half >= start + length)

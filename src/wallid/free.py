@@ -17,7 +17,7 @@ from typing import Literal, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from scipy.fft import dct, idct
+import scipy
 
 from ._arrays import on_device
 from .case import Case
@@ -305,12 +305,11 @@ def noise_within(readings: np.ndarray, std: float) -> np.ndarray:
 
     `P` is the readings' own power, smoothed over neighbouring frequencies.
     """
-    from scipy.ndimage import uniform_filter1d  # a quarter of a second, and the import of this package would pay it
 
-    spectrum = np.asarray(dct(readings - readings.mean(), type=2, norm="ortho"))
-    power = uniform_filter1d(spectrum**2, min(_SMOOTHED, len(readings)), mode="nearest")
+    spectrum = np.asarray(scipy.fft.dct(readings - readings.mean(), type=2, norm="ortho"))
+    power = scipy.ndimage.uniform_filter1d(spectrum**2, min(_SMOOTHED, len(readings)), mode="nearest")
     share = std**2 / np.maximum(power, std**2)
-    return np.asarray(idct(share * spectrum, type=2, norm="ortho"))
+    return np.asarray(scipy.fft.idct(share * spectrum, type=2, norm="ortho"))
 
 
 def window_span(case: Case, window: Window) -> float:

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.linalg import solve_triangular, toeplitz
 
 from .case import Case
 from .courses import Courses, held
@@ -49,11 +49,12 @@ class Whitening:
 
     def whiten(self, columns: np.ndarray) -> np.ndarray:
         """`L^-1` times columns of readings."""
-        return solve_triangular(self.root, columns, lower=True)
+        return scipy.linalg.solve_triangular(self.root, columns, lower=True)
 
     def beside(self, through: np.ndarray, variance: np.ndarray) -> Whitening:
         """With one more sensor's readings."""
-        mixed = solve_triangular(self.root, self.through @ through.T, lower=True) if len(self.root) else self.root
+        shared = self.through @ through.T
+        mixed = scipy.linalg.solve_triangular(self.root, shared, lower=True) if len(self.root) else self.root
         mixed = mixed.reshape(len(self.root), len(through))
         corner = np.linalg.cholesky(through @ through.T + np.diag(variance) - mixed.T @ mixed)
         root = np.block([[self.root, np.zeros_like(mixed)], [mixed.T, corner]])
@@ -110,7 +111,7 @@ class Looking:
         """What the readings at a place make of white noise of the faces, K, `(bin, face and bin)`."""
         if place not in self.toeplitz:
             std = self.case.record.boundary_noise_std / math.sqrt(self.bin_rows)
-            parts = [std * toeplitz(face, np.zeros(self.bins)) for face in self.answer[:, :, place]]
+            parts = [std * scipy.linalg.toeplitz(face, np.zeros(self.bins)) for face in self.answer[:, :, place]]
             self.toeplitz[place] = np.concatenate(parts, axis=1)
         return self.toeplitz[place]
 

@@ -19,9 +19,8 @@ from functools import cached_property, partial
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jaxtyping import Array, Float
-from scipy.linalg import solve_triangular, toeplitz
-from scipy.special import ndtr, stdtr
 
 from ._arrays import on_device
 from ._programs import compiled
@@ -127,11 +126,12 @@ class Noise:
         `sum_i p_i T((q / ratio_i) with `freedom` degrees) = 0.975`: Student's, and the normal one where nothing
         was estimated.
         """
-        from scipy.optimize import brentq  # a quarter of a second, and the import of this package would pay it
 
-        share = partial(stdtr, self.freedom) if np.isfinite(self.freedom) else ndtr
+        share = partial(scipy.special.stdtr, self.freedom) if np.isfinite(self.freedom) else scipy.special.ndtr
         top = 1e3 * self.ratio.max()
-        found = brentq(lambda q: self.chance @ share(q / self.ratio) - 0.975, 0.0, top, full_output=True)[1]
+        found = scipy.optimize.root_scalar(
+            lambda q: self.chance @ share(q / self.ratio) - 0.975, bracket=(0.0, top), method="brentq"
+        )
         return float(found.root)
 
     @property
@@ -192,7 +192,7 @@ class NoiseModel:
         """The covariance at these sizes."""
         cov = lasting * self.autocovariance(rho)
         cov[0] += white / self.rows_per_bin
-        C = toeplitz(cov)
+        C = scipy.linalg.toeplitz(cov)
         n, sensors, present = self.count, self.sensors, self.counts
         R = np.zeros((sensors * n, sensors * n))
         G = [np.concatenate([_lower_toeplitz(self.binned[face, :, s]) for s in range(sensors)]) for face in (0, 1)]
@@ -209,7 +209,7 @@ class NoiseModel:
         R[:, missing] = 0.0
         R[missing, missing] = 1.0
         lower = np.linalg.cholesky(R)
-        whiten = solve_triangular(lower, np.eye(len(R)), lower=True)
+        whiten = scipy.linalg.solve_triangular(lower, np.eye(len(R)), lower=True)
         return Noise(white, lasting, rho, whiten, R, self._floor(white, lasting, rho))
 
     def stated(self) -> Noise:
@@ -238,4 +238,4 @@ class NoiseModel:
 
 
 def _lower_toeplitz(column: np.ndarray) -> np.ndarray:
-    return toeplitz(column, np.zeros_like(column))
+    return scipy.linalg.toeplitz(column, np.zeros_like(column))

@@ -18,7 +18,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc, stdtrit
+import scipy
 
 from .quantity import NORMAL_95
 
@@ -75,19 +75,19 @@ def mean_of(values: np.ndarray, covariance: np.ndarray, quantile: float = NORMAL
         return m, float(1.0 / solved.sum()), float((values - m) @ np.linalg.solve(V, values - m)), weights
 
     m, variance, chi_square, weights = mean(0.0)
-    p_value = float(chdtrc(freedom, chi_square)) if freedom else math.nan
+    p_value = float(scipy.special.chdtrc(freedom, chi_square)) if freedom else math.nan
     if not p_value < DISAGREE:
         return Mean(m, math.sqrt(variance), quantile, chi_square, freedom, p_value, 0.0, weights)
-    from scipy.optimize import brentq  # a quarter of a second, and only windows that disagree need it
 
     top = 2.0 * float(np.ptp(values)) + 1e-12
     while mean(top)[2] > freedom:
         top *= 2.0
-    between = float(
-        brentq(lambda tau: mean(float(tau))[2] - freedom, 0.0, top, xtol=1e-9 * top, full_output=True)[1].root
+    found = scipy.optimize.root_scalar(
+        lambda tau: mean(float(tau))[2] - freedom, bracket=(0.0, top), xtol=1e-9 * top, method="brentq"
     )
+    between = float(found.root)
     m, variance, _, weights = mean(between)
-    wide = max(quantile, float(stdtrit(freedom, 0.975)))
+    wide = max(quantile, float(scipy.special.stdtrit(freedom, 0.975)))
     return Mean(m, math.sqrt(variance), wide, chi_square, freedom, p_value, between, weights)
 
 

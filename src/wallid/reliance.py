@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.special import erfcinv
+import scipy
 
 from .case import Case
 from .experiment import Window
@@ -45,7 +45,7 @@ def told_range(case: Case, window: Window) -> tuple[float, float]:
 
 def _slowest(depth: float, seconds: float, share: float) -> float:
     """The diffusivity at which a step at a face has come as far as a depth with this share of it, m2/s."""
-    return depth**2 / (4.0 * float(erfcinv(share)) ** 2 * seconds)
+    return depth**2 / (4.0 * float(scipy.special.erfcinv(share)) ** 2 * seconds)
 
 
 def why_unreliable(

@@ -18,7 +18,7 @@ from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.special import chdtrc, fdtrc
+import scipy
 
 from ._arrays import on_device
 from .free import Names
@@ -135,8 +135,8 @@ class Settled:
         statistic = float(score @ np.linalg.lstsq(spread, score, rcond=1e-9)[0]) / _MODULATIONS
         freedom = (self.robust or self.noise).freedom
         if not np.isfinite(freedom):
-            return float(chdtrc(_MODULATIONS, _MODULATIONS * statistic))
-        return float(fdtrc(_MODULATIONS, freedom, statistic))
+            return float(scipy.special.chdtrc(_MODULATIONS, _MODULATIONS * statistic))
+        return float(scipy.special.fdtrc(_MODULATIONS, freedom, statistic))
 
     @property
     def log_alpha(self) -> float:

@@ -17,7 +17,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.fft import dct
+import scipy
 
 from .noise import Noise, NoiseModel
 
@@ -47,7 +47,6 @@ def estimate_noise(
         edges: whether the variance of noise that remembers counts that a record has two ends, which take some of its
             slow power.
     """
-    from scipy.optimize import minimize  # a quarter of a second, and the import of this package would pay it
 
     if len(model.gaps):
         directions = np.concatenate([directions, model.largest_gaps])
@@ -57,7 +56,7 @@ def estimate_noise(
     for _ in range(2):
         likelihood.take_out(sizes)
         costs, totals = np.array([likelihood.cost(*point) for point in grid]).T
-        found = minimize(
+        found = scipy.optimize.minimize(
             lambda y: likelihood.cost(*y)[0],
             np.array(grid[int(np.argmin(costs))]),
             method="Nelder-Mead",
@@ -102,7 +101,7 @@ class _Whittle:
     def _transform(self, values: np.ndarray) -> np.ndarray:
         """Cosine coefficients, sensor by sensor."""
         shaped = values.reshape(*values.shape[:-1], self.model.sensors, self.model.count)
-        return np.asarray(dct(shaped, type=2, norm="ortho", axis=-1)).reshape(*values.shape[:-1], -1)
+        return np.asarray(scipy.fft.dct(shaped, type=2, norm="ortho", axis=-1)).reshape(*values.shape[:-1], -1)
 
     def density(self, white: float, lasting: float, rho: float) -> np.ndarray:
         """The variance of each cosine coefficient, sensor by sensor."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import chdtrc
+import scipy
 
 from .._units import DAY
 from .extend import Fit, refit, whiten_block, whiten_part
@@ -158,6 +158,6 @@ def windows(fit: Fit, slot: Slot) -> Windows:
     size, std = np.where(told, size, np.nan), np.where(told, std, np.nan)
     weight = np.where(told, 1.0 / np.where(told, std, 1.0) ** 2, 0.0)
     mean = np.nansum(weight * size) / max(weight.sum(), 1e-300)
-    p = float(chdtrc(max(told.sum() - 1, 1), np.nansum(weight * (size - mean) ** 2)))
+    p = float(scipy.special.chdtrc(max(told.sum() - 1, 1), np.nansum(weight * (size - mean) ** 2)))
     days = 0.5 * (edges[1:] + edges[:-1]) * study.bins.rows * study.record.step / DAY
     return Windows(days, size, std, p)

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
+import scipy
 
 from ..quantity import NORMAL_95
 from .model import linearise
@@ -110,7 +110,7 @@ class Fit:
     def in_kelvin(self) -> tuple[np.ndarray, np.ndarray]:
         """Jacobian and residual of the binned readings, before whitening and without the priors' rows."""
         W = self.noise.whiten
-        J, r = (solve_triangular(W, part[: len(W)], lower=True) for part in (self.jacobian, self.residual))
+        J, r = (scipy.linalg.solve_triangular(W, part[: len(W)], lower=True) for part in (self.jacobian, self.residual))
         return J, r
 
     @property
@@ -240,7 +240,7 @@ def levenberg_marquardt(problem: _Problem, theta: np.ndarray) -> tuple[np.ndarra
 def whiten_block(noise: Noise, chosen: np.ndarray) -> np.ndarray:
     """A W for some of the readings, given by their places."""
     lower = np.linalg.cholesky(noise.covariance[np.ix_(chosen, chosen)])
-    return solve_triangular(lower, np.eye(len(chosen)), lower=True)
+    return scipy.linalg.solve_triangular(lower, np.eye(len(chosen)), lower=True)
 
 
 def whiten_part(noise: Noise, chosen: np.ndarray) -> np.ndarray:

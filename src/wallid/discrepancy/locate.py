@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.polynomial.hermite_e import hermegauss
-from scipy.linalg import solve_triangular
-from scipy.special import chdtrc
 
 from .._units import DAY
 from .extend import Fit
@@ -70,14 +69,14 @@ def locate(fit: Fit) -> Remainder:
     least, statistic, freedom = min(tests)
     together = -np.expm1(len(tests) * np.log1p(-min(least, 1.0 - 1e-16)))
     white = np.sum([basis @ (basis.T @ fit.residual) for basis in bases], axis=0)[: len(fit.noise.whiten)]
-    smooth = solve_triangular(fit.noise.whiten, white, lower=True).reshape(fit.study.sensors, -1).T
+    smooth = scipy.linalg.solve_triangular(fit.noise.whiten, white, lower=True).reshape(fit.study.sensors, -1).T
     return Remainder(by_sensor, by_hour, by_day, statistic, freedom, float(together), smooth)
 
 
 def chance(statistic: float, freedom: int, spread: float) -> float:
     """How often `exp(spread z) chi^2` passes a value, z standard normal: chi-square in noise of uncertain power."""
     node, weight = hermegauss(_NODES)
-    return float(weight @ chdtrc(freedom, statistic * np.exp(-spread * node)) / weight.sum())
+    return float(weight @ scipy.special.chdtrc(freedom, statistic * np.exp(-spread * node)) / weight.sum())
 
 
 def _mean(values: np.ndarray) -> np.ndarray:

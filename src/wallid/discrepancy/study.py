@@ -16,6 +16,7 @@ from threading import Lock
 
 import jax.numpy as jnp
 import numpy as np
+import scipy
 
 from .._arrays import on_device
 from .._units import DAY
@@ -245,9 +246,7 @@ def _campaign(case: Case, record: Record) -> Campaign:
     def cubic(values: np.ndarray) -> np.ndarray:
         there = np.isfinite(values)
         held = np.interp(rows, rows[there], values[there]) if not there.all() else values
-        from scipy.interpolate import PchipInterpolator  # half a second, and only a diagnosis needs it
-
-        return PchipInterpolator(rows, held).c[::-1].T  # powers of s, (interval, power)
+        return scipy.interpolate.PchipInterpolator(rows, held).c[::-1].T  # powers of s, (interval, power)
 
     zeros = np.zeros(record.rows)
 
