@@ -51,6 +51,7 @@ def compiled(
     one's own), or of a function that calls back to Python.
 
     Arguments:
+        function: of a module or class: its name and this package's source stand for its code.
         by: what compiles a call that is not kept, with the same arguments static.
     """
     plain = by(function)
