@@ -141,10 +141,17 @@ def test_another_source_or_option_is_another_program(folder, traces, monkeypatch
     assert len(kept(folder)) == 2
 
 
-def test_the_digest_is_of_every_source_file():
+def test_the_digest_is_of_every_source_file(tmp_path, monkeypatch):
     source, *versions = _programs._made_by()
     assert len(source) == 64
     assert jax.__version__ in versions
+    (tmp_path / "room").mkdir()
+    monkeypatch.setattr(_programs, "__file__", str(tmp_path / "_programs.py"))
+    digests = set()
+    for path, text in (("a.py", "1"), ("room/b.py", "1"), ("a.py", "2"), ("room/b.py", "2")):
+        (tmp_path / path).write_text(text)
+        digests.add(_programs._made_by.__wrapped__()[0])
+    assert len(digests) == 4
 
 
 def test_an_effect_of_ones_own_is_not_kept(folder):

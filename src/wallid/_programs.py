@@ -18,7 +18,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, wraps
+from functools import cache, cached_property, wraps
 from importlib.metadata import version
 from pathlib import Path
 from threading import RLock
@@ -63,17 +63,16 @@ def compiled(
         folder = _folder()
         if folder is None:
             return plain(*args, **kwargs)
-        leaves, tree = jax.tree.flatten((args, kwargs))
-        arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
-        if not _are_here(arrays):
+        given = _Call(function, *jax.tree.flatten((args, kwargs)))
+        if not _are_here(given.arrays):
             return plain(*args, **kwargs)
-        kind = tree, tuple(_kind(leaf) for leaf in leaves)
+        kind = given.tree, tuple(_kind(leaf) for leaf in given.leaves)
         if kind not in programs:
             with lock:  # who comes second waits, and finds it
                 if kind not in programs:
-                    programs[kind] = _find(folder, _Call(function, leaves, tree))
+                    programs[kind] = _find(Path(folder, "wallid"), given)
         program = programs[kind]
-        return plain(*args, **kwargs) if program is None else program(arrays)
+        return plain(*args, **kwargs) if program is None else program(given.arrays)
 
     return call
 
@@ -112,6 +111,11 @@ class _Call:
     leaves: list[Any]
     tree: Any
 
+    @cached_property
+    def arrays(self) -> list[Any]:
+        """Those among the leaves."""
+        return [leaf for leaf in self.leaves if eqx.is_array(leaf)]
+
     def name(self) -> str:
         """The same in every process where the trace would be the same.
 
@@ -143,8 +147,7 @@ class _Call:
             return tuple(jax.lax.convert_element_type(a, a.dtype) for a in jax.tree.leaves(result) if eqx.is_array(a))
 
         flat.__name__ = flat.__qualname__ = self.function.__name__
-        arrays = [leaf for leaf in self.leaves if eqx.is_array(leaf)]
-        return export(jax.jit(flat), disabled_checks=_UNPROMISED)(*arrays), results[-1]
+        return export(jax.jit(flat), disabled_checks=_UNPROMISED)(*self.arrays), results[-1]
 
 
 def _find(folder: Path, call: _Call) -> _Program | None:
@@ -174,13 +177,13 @@ def _write(path: Path, content: bytes) -> None:
         half.replace(path)
 
 
-def _folder() -> Path | None:
-    """Where programs are kept; None for nowhere."""
+def _folder() -> str | None:
+    """Of JAX's persistent cache, beside which programs are kept; None where there is none."""
     options: Any = jax.config  # what it has is not in its type
     named = options.jax_compilation_cache_dir
     if not named or not options.jax_enable_compilation_cache or options.jax_disable_jit:
         return None
-    return Path(named) / "wallid"
+    return named
 
 
 def _are_here(arrays: list[Any]) -> bool:

@@ -121,7 +121,6 @@ def stuck(values: np.ndarray) -> np.ndarray:
 
 def _moves(values: np.ndarray, start: int, length: int, span: int, least: float) -> bool:
     """Whether almost all stretches of `span` readings outside a run move by more than `least`."""
-
     half = span // 2
     largest, smallest = (f(values, span) for f in (scipy.ndimage.maximum_filter1d, scipy.ndimage.minimum_filter1d))
     moves = largest - smallest  # about each reading

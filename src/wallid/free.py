@@ -305,7 +305,6 @@ def noise_within(readings: np.ndarray, std: float) -> np.ndarray:
 
     `P` is the readings' own power, smoothed over neighbouring frequencies.
     """
-
     spectrum = np.asarray(scipy.fft.dct(readings - readings.mean(), type=2, norm="ortho"))
     power = scipy.ndimage.uniform_filter1d(spectrum**2, min(_SMOOTHED, len(readings)), mode="nearest")
     share = std**2 / np.maximum(power, std**2)

@@ -126,7 +126,6 @@ class Noise:
         `sum_i p_i T((q / ratio_i) with `freedom` degrees) = 0.975`: Student's, and the normal one where nothing
         was estimated.
         """
-
         share = partial(scipy.special.stdtr, self.freedom) if np.isfinite(self.freedom) else scipy.special.ndtr
         top = 1e3 * self.ratio.max()
         found = scipy.optimize.root_scalar(

@@ -47,7 +47,6 @@ def estimate_noise(
         edges: whether the variance of noise that remembers counts that a record has two ends, which take some of its
             slow power.
     """
-
     if len(model.gaps):
         directions = np.concatenate([directions, model.largest_gaps])
     likelihood = _Whittle(model, residual, directions, edges)

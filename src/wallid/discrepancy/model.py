@@ -100,18 +100,14 @@ def first_order_columns(
     Returns:
         `(column, reading)`.
     """
+    count = len(theta)
+    theta, direction = (_whole(part, _COLUMNS) for part in (theta, direction))
     course = _base(model, on_device(base))
-    parts = [slice(at, at + _COLUMNS) for at in range(0, len(theta), _COLUMNS)]
     columns = [
-        _first_order(model, bins, course, on_device(_whole(theta[some], _COLUMNS)), on_device(_padded(direction[some])))
-        for some in parts
+        _first_order(model, bins, course, on_device(theta[some]), on_device(direction[some]))
+        for some in (slice(at, at + _COLUMNS) for at in range(0, len(theta), _COLUMNS))
     ]
-    return np.concatenate([np.asarray(part) for part in columns])[: len(theta)]
-
-
-def _padded(directions: np.ndarray) -> np.ndarray:
-    """With zeros up to `_COLUMNS`: nothing is computed of them, and nothing compiled anew for another number."""
-    return np.concatenate([directions, np.zeros((_COLUMNS - len(directions), directions.shape[1]))])
+    return np.concatenate([np.asarray(part) for part in columns])[:count]
 
 
 @compiled
@@ -200,8 +196,8 @@ _stepped_shapes: set[tuple[object, ...]] = set()
 
 
 def _whole(rows: np.ndarray, chunk: int) -> np.ndarray:
-    """The rows, the last repeated up to whole chunks, so that nothing is compiled anew for another number of them."""
-    return np.concatenate([rows, np.repeat(rows[-1:], -len(rows) % chunk, axis=0)])
+    """The rows, zeros after them up to whole chunks, so that nothing is compiled anew for another number of them."""
+    return np.pad(rows, ((0, -len(rows) % chunk), (0, 0)))
 
 
 @compiled

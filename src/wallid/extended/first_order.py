@@ -25,7 +25,7 @@ class Base(NamedTuple):
     """A linear wall's course on equal parts of each interval between rows: what the effects act upon.
 
     Arguments:
-        course: in modes. step: of a part, s. faces: the inputs, those after the faces as zeros.
+        course: in modes. step: of a part, s.
         temperatures: at all nodes, faces included, degC.
         flux: between them, over the capacity of a metre of the wall, K m/s. conducted: what it makes of the nodes, K/s.
     """
@@ -34,7 +34,6 @@ class Base(NamedTuple):
     system: Modes
     course: Float[Array, "part mode"]
     step: Array
-    faces: Float[Array, "part input"]
     temperatures: Float[Array, "part all"]
     flux: Float[Array, "part cell"]
     conducted: Float[Array, "part node"]
@@ -97,7 +96,7 @@ def base_course(
     q, _ = at_rows(inputs, step)
     T = jnp.concatenate([q[:, :1], course @ system.out.T, q[:, 1:2]], axis=1)
     flux = diffusivity * jnp.diff(T, axis=1) / wall.resistance
-    return Base(wall, system, course, step, q.at[:, 2:].set(0.0), T, flux, jnp.diff(flux, axis=1) / wall.capacity)
+    return Base(wall, system, course, step, T, flux, jnp.diff(flux, axis=1) / wall.capacity)
 
 
 def _held(terms: Terms, campaign: Campaign, profile: Array) -> tuple[Cells, Array]:
@@ -137,7 +136,7 @@ def _source(
         return jax.vmap(field.factor)(jnp.arange(T.shape[0]) * base.step)
 
     def material(some: Terms) -> tuple[Array, Array]:
-        return jax.vmap(flow(wall, some, campaign, diffusivity).factors)(T[:, 1:-1], base.faces)
+        return jax.vmap(flow(wall, some, campaign, diffusivity).factors)(T[:, 1:-1], T[:, jnp.array([0, -1])])
 
     conductance = jax.jvp(factor, (terms,), (change,))[1][:, None] - moved.resistance / wall.resistance
     capacity = moved.capacity / wall.capacity
