@@ -80,12 +80,13 @@ def test_ratios_are_of_one_unit():
 
 
 def test_the_worst_error_counts():
-    names = dict.fromkeys(learn.ERRORS, 1e-5)
+    names = dict.fromkeys(learn.LEARNED + learn.NEVER, 1e-5)
     ours = measured("learn", "variable projection, order 5", 0.1, **names | {"theta": 1e-3})
-    swarm = measured("learn", "particle swarm, order 5", 1.0, **dict.fromkeys(learn.ERRORS, 1e-2))
+    swarm = measured("learn", "particle swarm, order 5", 1.0, **dict.fromkeys(names, 1e-2))
     rows = learn.asked({ours.contender: ours, swarm.contender: swarm})
     assert rows[0].value == pytest.approx(0.1) and rows[0].met is False
-    assert rows[1].value == pytest.approx(0.1) and rows[1].met
+    assert rows[1].value == pytest.approx(1e-3) and rows[1].met
+    assert rows[2].value == pytest.approx(0.1) and rows[2].met
 
 
 def test_exponents_of_a_power_law():

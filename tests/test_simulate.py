@@ -17,6 +17,7 @@ from systems import DAY, LENGTH, POINTS, T_REF, faces, fourier, half_minutes, sc
 import wallid
 from wallid import recurrence
 from wallid._arrays import on_device, part_of
+from wallid._xla import has_small_loops
 from wallid.exponential import phi_functions, step_map
 
 
@@ -172,6 +173,12 @@ def test_one_loop_goes_through_every_transformation(monkeypatch):
     assert_allclose(together[1], one, rtol=1e-12)
     way = jax.grad(lambda q: of(0.5, q))(inputs)
     assert_allclose(jnp.sum(way * inputs), jax.jvp(lambda q: of(0.5, q), (inputs,), (inputs,))[1], rtol=1e-10)
+
+
+def test_what_xla_is_asked_holds():
+    """The tests ask before JAX's first computation, as the commands do."""
+    assert has_small_loops()
+    assert not jax.config.read("jax_cpu_enable_async_dispatch")
 
 
 def test_what_comes_too_late_for_xla_is_not_asked(monkeypatch):

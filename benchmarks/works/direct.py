@@ -70,9 +70,10 @@ class Direct:
     def ours(self, system: wallid.StateSpace, *, anew: bool = False, sweep: str | None = None) -> Prepared:
         """`propagate`: one number by itself, or all of them swept; `anew`: with the eigenvalues in every run."""
         data, fouriers = self.data, jnp.asarray(self.fouriers)
+        rows = data.step, data.inputs, data.initial
 
         def one(model: wallid.StateSpace, fo: jax.Array) -> tuple:
-            return wallid.propagate(model, fo, data.step, data.inputs, data.initial, sensitivity=True)
+            return wallid.propagate(model, fo, *rows, sensitivity=True)
 
         if sweep is None:
             last = fouriers[-1]  # taking it out of the others is a call too

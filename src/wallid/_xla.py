@@ -1,4 +1,4 @@
-"""What a process can ask of XLA before it starts: to compile faster, and to run small loops as machine code.
+"""What a process can ask of XLA before it starts: to compile faster, and to run small loops as machine code, at once.
 
 A command's first seconds are compilation. XLA's older generator of fused loops makes code as fast for models of this
 size in two thirds of the time; JAX's persistent cache, where the user has named a folder for it, takes small programs
@@ -7,6 +7,9 @@ too.
 On a CPU XLA runs a compiled function as a list of kernels, and a loop's body as such a list in every pass: a loop over
 rows of five states spends nearly all its time between kernels. A loop whose body reads and writes little becomes one
 kernel; how little is an option of XLA's.
+
+JAX hands what it computes on a CPU to another thread and goes on in Python. Where that is a tenth of a millisecond,
+waking the thread and being woken takes as long again.
 """
 
 from __future__ import annotations
@@ -24,7 +27,7 @@ _LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=20
 
 
 def prepare_xla() -> None:
-    """Ask XLA for what serves models of this size: shorter compilation, and small loops as single kernels.
+    """Ask XLA for what serves models of this size: shorter compilation, small loops as single kernels, no other thread.
 
     The commands do so; a notebook or program of your own may, before JAX's first computation (importing `wallid` is
     none; later it warns and asks for nothing). A reduced model then runs two to four times as fast, ten thousand walls
@@ -34,7 +37,7 @@ def prepare_xla() -> None:
     flags = os.environ.get("XLA_FLAGS", "").split()
     names = [flag.split("=")[0] for flag in flags]
     wanted = [flag for flag in (_EMITTERS, _LOOPS) if flag.split("=")[0] not in names]
-    if wanted and version("jaxlib").startswith(_KNOWN):
+    if (wanted or jax.config.read("jax_cpu_enable_async_dispatch")) and version("jaxlib").startswith(_KNOWN):
         from jax._src import xla_bridge  # whether JAX has begun is said nowhere else, and elsewhere in other versions
 
         if xla_bridge.backends_are_initialized():
@@ -42,6 +45,7 @@ def prepare_xla() -> None:
             warnings.warn(said, stacklevel=2)
         else:
             os.environ["XLA_FLAGS"] = " ".join([*flags, *wanted])
+            jax.config.update("jax_cpu_enable_async_dispatch", False)
     if "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS" not in os.environ:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
