@@ -16,8 +16,8 @@ from jax.core import Tracer
 
 
 def on_device(given: Any) -> Array:
-    """`jnp.asarray`; of a NumPy array a copy."""
-    return jax.device_put(np.array(given)) if isinstance(given, np.ndarray) else jnp.asarray(given)
+    """`jnp.asarray`; of a NumPy array a copy, of a number an array like those of NumPy's."""
+    return jax.device_put(np.array(given)) if isinstance(given, np.ndarray | np.generic | float) else jnp.asarray(given)
 
 
 def part_of(array: Array, place: Any) -> Array:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 
+from ._arrays import on_device
 from .bootstrap import bootstrap
 from .case import Case
 from .estimated import Estimate
@@ -51,14 +51,14 @@ class Told:
         if not self.reduced or not np.isfinite(diffusivity):
             return None
         plates = plate_outputs(self.case) if self.data.observed.shape[1] > len(self.case.sensors) else []
-        fourier = jnp.asarray(scales(self.case).fourier(diffusivity))
+        fourier = on_device(scales(self.case).fourier(diffusivity))
         return np.asarray(apart(large_model(self.case, plates), self.system, self.data, fourier))
 
     def history(self, traces: tuple[Trace, ...] = ()) -> dict[str, np.ndarray]:
         """The iterates, those of later rounds appended."""
         start = self.case.wall.diffusivity_prior
-        rows = [] if self.fit is None else [_rows(self.fit.trace, self.fit.trace.parameters[:, 0])]
-        rows += [_rows(trace, start * np.exp(trace.parameters[:, 0])) for trace in traces]
+        rows = [] if self.fit is None else [_rows(self.fit.trace, np.asarray(self.fit.trace.parameters)[:, 0])]
+        rows += [_rows(trace, start * np.exp(np.asarray(trace.parameters)[:, 0])) for trace in traces]
         return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
 
     def finished(self, **found) -> Estimate:
@@ -89,7 +89,7 @@ def settled_minima(
     """
     prior = told.case.wall.diffusivity_prior
     if told.fit is not None:
-        start = float(told.fit.trace.parameters[int(told.fit.trace.count) - 1, 0])
+        start = float(np.asarray(told.fit.trace.parameters)[int(told.fit.trace.count) - 1, 0])
     first = prior if start is None else start
     starts = [first] if LOWEST * 1.001 < first < HIGHEST / 1.001 else []
     if not starts or abs(np.log(first / prior)) > np.log(_FAR):
@@ -149,7 +149,7 @@ def conclude(told: Told, settled: Settled, others: list[Settled], draws: int) ->
         noise=_noise_words(settled),
         shares=settled.shares() if not reason else {},
         predicted=np.asarray(best.predicted),
-        residual=np.where(told.present, np.asarray(told.data.observed - best.predicted), np.nan),
+        residual=np.where(told.present, np.asarray(told.data.observed) - np.asarray(best.predicted), np.nan),
         covariance=covariance,
         singular_values=singular,
         model_shift=shift,

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -85,8 +84,8 @@ class Model:
         fourier, step = scale.fourier(diffusivity), case.record.step / scale.time / self.refine
         u, theta, response = _run(
             self.system,
-            jnp.asarray(fourier),
-            jnp.asarray(step),
+            on_device(fourier),
+            on_device(step),
             on_device(scale.dimensionless(faces)),
             on_device(initial),
         )

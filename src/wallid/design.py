@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
 
@@ -189,7 +188,7 @@ def design(
     system = large_model(case, plate_outputs(case)) if model is None else model
     scale = scales(case)
     data, plates = watched(case), Plates.of(case, (rows,))
-    fourier = jnp.asarray([scale.fourier(alpha) for alpha in alphas])
+    fourier = on_device(scale.fourier(np.asarray(alphas)))
     per_alpha = scale.fourier(1.0) * scale.temperature
     if full:
         sizes, on_log = (found[:, :, 0] for found in full_sizes(case, starts, (rows,), alphas, criterion, of))
@@ -207,8 +206,8 @@ def design(
             sweep=sweep,
             integrator=integrator,
             mesh=mesh,
-        )[:, :, 0]
-        information = np.asarray(info) * per_alpha**2
+        )
+        information = np.asarray(info)[:, :, 0] * per_alpha**2
     else:
         info = cut_information(system, fourier, data, on_device(starts), plates, rows=rows, integrator=integrator)
         information = np.asarray(info) * per_alpha**2

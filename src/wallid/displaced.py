@@ -11,9 +11,9 @@ A flux, which is k over that length, moves by `(2/L) dq/d(ln alpha) + q/L` and i
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 
+from ._arrays import on_device
 from .case import Case
 from .experiment import Experiment, scales
 from .lom import Output
@@ -39,7 +39,7 @@ def sensors_elsewhere(
     outputs = [Output(x) for x in (*stated, *places)] + [Output(x, "gradient") for x in places]
     system = system_at(case, structure_of(case), structure, outputs)
     fourier = scales(case).fourier(diffusivity)
-    u, theta = explicit(system, jnp.asarray(fourier), data)
+    u, theta = explicit(system, on_device(fourier), data)
     kelvin, sensors = float(data.temperature), len(stated)
     u, theta = kelvin * np.asarray(u), kelvin * fourier * np.asarray(theta)
     here, there, slope = slice(0, sensors), slice(sensors, 2 * sensors), slice(2 * sensors, None)
@@ -78,7 +78,7 @@ def faces_elsewhere(case: Case, data: Experiment, diffusivity: float, large: Sta
     """
     length, places = case.wall.length, np.array([sensor.position for sensor in case.sensors])
     sensors, kelvin, fourier = len(places), float(data.temperature), scales(case).fourier(diffusivity)
-    u, theta = (kelvin * np.asarray(one) for one in explicit(large, jnp.asarray(fourier), data))
+    u, theta = (kelvin * np.asarray(one) for one in explicit(large, on_device(fourier), data))
     channels = u.shape[1] - sensors
     slope, gradient = fourier * theta[:, :channels], u[:, channels:] / length
     through = flux_columns(slope[:, sensors:], u[:, sensors:channels], length)

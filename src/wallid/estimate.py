@@ -12,9 +12,9 @@ from dataclasses import replace
 from typing import Literal
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
+from ._arrays import on_device
 from ._fields import one_of
 from .case import Case
 from .conclude import Told, conclude, settled_minima, simple
@@ -142,9 +142,9 @@ def plain_fit(
     fit = fit_experiment(
         system,
         data,
-        jnp.asarray(scales(case).fourier(1.0)),
-        jnp.asarray(start),
-        jnp.asarray(eta),
+        on_device(scales(case).fourier(1.0)),
+        on_device(start),
+        on_device(eta),
         explicit_theta=sensitivity == "explicit",
         integrator=integrator,
         max_iterations=case.choices.max_iterations,
@@ -211,8 +211,8 @@ def check_draws(draws: int, weights: str = "noise") -> None:
 
 def seconds_of_estimate(case: Case, window: Window, model: StateSpace) -> float:
     """What one warm estimate costs: the median of up to thirty in some tenths of a second, compilation apart."""
-    data, per_alpha = experiment(case, window), jnp.asarray(scales(case).fourier(1.0))
-    start, eta = jnp.asarray(case.wall.diffusivity_prior), jnp.asarray(case.choices.eta)
+    data, per_alpha = experiment(case, window), on_device(scales(case).fourier(1.0))
+    start, eta = on_device(case.wall.diffusivity_prior), on_device(case.choices.eta)
     jax.block_until_ready(fit_experiment(model, data, per_alpha, start, eta))
     taken: list[float] = []
     # a short one takes no longer than what else the machine does in between: a few would tell of that

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 import scipy
 
@@ -320,7 +319,7 @@ def window_span(case: Case, window: Window) -> float:
 
 def _along(case: Case, data: Experiment, diffusivity: float, structure: np.ndarray, place: int) -> np.ndarray:
     """What one prior standard deviation more of a parameter of the wall makes of the outputs, K, by differences."""
-    fourier, ends = jnp.asarray(scales(case).fourier(diffusivity)), []
+    fourier, ends = on_device(scales(case).fourier(diffusivity)), []
     for step in (-_DIFFERENCE, _DIFFERENCE):
         values = structure.copy()
         values[place] += step

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 
 from ._arrays import on_device
@@ -79,7 +78,7 @@ def lengths(
     if counts_all(case, full):
         information = full_sizes(case, starts, rows, alphas, criterion, of)[0]
     else:
-        fourier = jnp.asarray([scales(case).fourier(alpha) for alpha in alphas])
+        fourier = on_device(scales(case).fourier(np.asarray(alphas)))
         profiles, system = start_profiles(case, starts), large_model(case, plate_outputs(case))
         data, plates = watched(case), Plates.of(case, rows)
         found = window_information(system, fourier, data, on_device(starts), profiles, plates, rows=rows)

@@ -125,7 +125,7 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
     check_driven(model, case, window)
     data, scale = experiment(case, window), scales(case)
     alphas = np.array([case.wall.diffusivity_prior, fit.value])
-    prior, predicted = np.asarray(data.celsius(_predict(model, on_device(scale.fourier(alphas)), data)))
+    prior, predicted = scale.celsius(np.asarray(_predict(model, on_device(scale.fourier(alphas)), data)))
     offsets = np.array([fit.offsets.get(sensor.name, (0.0, 0.0))[0] for sensor in case.sensors])
     factors = np.array(_LOAD_STEPS)
     extra = large.select(list(range(sensors, 2 * sensors + 1)))

@@ -166,15 +166,15 @@ class _Rounds:
             bins=self.bins,
             observed=self.bins.mean(self.bins.observed),
             whiten=on_device(noise.whiten),
-            fourier_per_alpha=jnp.asarray(scales(case).fourier(1.0)),
-            start=jnp.asarray(start),
-            lowest=jnp.asarray(self.bounds[0]),
-            highest=jnp.asarray(self.bounds[1]),
+            fourier_per_alpha=on_device(scales(case).fourier(1.0)),
+            start=on_device(start),
+            lowest=on_device(self.bounds[0]),
+            highest=on_device(self.bounds[1]),
             explicit_theta=self.explicit_theta,
             integrator=self.integrator,
         )
         begin = on_device(np.concatenate([[math.log(value / start)], found]))
-        at = minimise(problem, begin, jnp.asarray(self.eta), case.choices.max_iterations)
+        at = minimise(problem, begin, on_device(self.eta), case.choices.max_iterations)
         chi_square = float(at.cost) / self.freedom if before is None else before.reduced_chi_square
         rounds = 1 if before is None else before.rounds + 1
         return Settled(problem, at, shape, noise, names, chi_square, estimated, rounds)
@@ -186,7 +186,7 @@ class _Rounds:
             conductance: k/L, W/m2/K, by which a face's noise is in the fluxes.
         """
         case, data = self.case, self.data
-        response = np.array(face_response(system, jnp.asarray(fourier), data.step, data.observed.shape[0]))
+        response = np.array(face_response(system, on_device(fourier), data.step, data.observed.shape[0]))
         plates = response.shape[2] - len(case.sensors)
         response[:, :, len(case.sensors) :] *= conductance
         gaps = filled_gaps(self.fill_std, case.record.boundary_noise_std, response, self.bins)

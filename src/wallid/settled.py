@@ -16,7 +16,6 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-import jax.numpy as jnp
 import numpy as np
 import scipy
 
@@ -74,7 +73,7 @@ class Settled:
     def marginal(self) -> float:
         """`-2 log L` with all that is free integrated out, up to what the noise alone sets."""
         J = self.jacobian[:, 1:]
-        return float(self.minimum.cost + np.linalg.slogdet(J.T @ J)[1])
+        return float(self.minimum.cost) + float(np.linalg.slogdet(J.T @ J)[1])
 
     @property
     def evidence(self) -> float:
@@ -141,12 +140,12 @@ class Settled:
     @property
     def log_alpha(self) -> float:
         """ln(alpha/start)."""
-        return float(self.minimum.parameters[0])
+        return float(np.asarray(self.minimum.parameters)[0])
 
     @property
     def diffusivity(self) -> float:
         """m2/s."""
-        return float(self.problem.start * jnp.exp(self.log_alpha))
+        return float(self.problem.start) * math.exp(self.log_alpha)
 
     @property
     def log_std(self) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, ScalarLike
 
+from ._arrays import on_device
 from ._programs import compiled
 from .exponential import Exponential, Flow, State, outputs, step_map
 from .recurrence import in_blocks, in_one_loop, in_turn, is_small
@@ -215,7 +216,7 @@ def stable_substeps(system: StateSpace, fourier: float, step: float) -> int:
 
 def _as_array(given: ScalarLike | ArrayLike) -> Array:
     """In float64; what is that already is left alone, which a call of 0.1 ms feels."""
-    return given if isinstance(given, jax.Array) and given.dtype is _FLOAT else jnp.asarray(given, dtype=float)
+    return given if isinstance(given, jax.Array) and given.dtype is _FLOAT else jnp.asarray(on_device(given), float)
 
 
 def _initial_state(system: StateSpace, initial: Float[Array, " param"], sensitivity: bool) -> State:

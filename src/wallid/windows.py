@@ -93,7 +93,7 @@ class Plates(eqx.Module):
         untold: how many rows of a window of each length they do not tell of.
     """
 
-    gain_std: Float[Array, " flux"] = eqx.field(converter=jnp.asarray)
+    gain_std: Float[Array, " flux"] = eqx.field(converter=on_device)
     untold: tuple[int, ...] = eqx.field(static=True)
 
     @classmethod

@@ -60,7 +60,7 @@ class Fit:
     @property
     def diffusivity(self) -> float:
         """m2/s."""
-        return float(np.exp(self.study.model.log_prior + self.theta[0]))
+        return float(np.exp(float(self.study.model.log_prior) + self.theta[0]))
 
     @property
     def log_std(self) -> float:

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from threading import Lock
 
-import jax.numpy as jnp
 import numpy as np
 import scipy
 
@@ -218,7 +217,7 @@ def study(case: Case) -> Study:
     model = Model(
         campaign=_campaign(case, record),
         effects=effects,
-        log_prior=jnp.log(on_device(case.wall.diffusivity_prior)),
+        log_prior=on_device(np.log(case.wall.diffusivity_prior)),
         sensors=sensors,
         substeps=max(1, int(np.ceil(record.step / LONGEST_SUBSTEP))),
     )
@@ -271,7 +270,7 @@ def _campaign(case: Case, record: Record) -> Campaign:
         places=on_device(places),
         resistance=on_device(resistance),
         capacity=on_device(capacity),
-        position=on_device([sensor.position for sensor in case.sensors]),
+        position=on_device(np.array([sensor.position for sensor in case.sensors])),
         length=on_device(case.wall.length),
     )
 

@@ -11,6 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from .._arrays import on_device
 from .search import Search
 from .terms import Campaign, Terms
 
@@ -101,4 +102,4 @@ def not_below(value: Array, least: float) -> Array:
 
 def number(value: float = 0.0) -> Any:
     """A field for a parameter: an array, so that a new value is not compiled anew."""
-    return eqx.field(converter=lambda given: jnp.asarray(given, dtype=float), default=value)
+    return eqx.field(converter=lambda given: jnp.asarray(on_device(given), dtype=float), default=value)
