@@ -5,9 +5,10 @@ from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 
 import pytest
+from threadpoolctl import threadpool_info
 
 import wallid
-from wallid import report
+from wallid import figures, report
 from wallid._artist import Artist, artist
 from wallid._drawing import render
 from wallid.figures import of_stages
@@ -55,7 +56,7 @@ def test_a_second_process_draws_the_same_bytes(run, here, monkeypatch):
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
     with artist(FORMATS, helped=True) as drawing:
         drawing.begin(run)
-        for sketch in drawing._begun:
+        for sketch in drawing._begun.result(timeout=60):
             sketch.helped.result(timeout=120)
         drawn = drawing.finish(run)
     assert [one.stem for one in drawn] == [stem for stem, _ in of_stages(run)] == ["wall", "record"]
@@ -102,6 +103,30 @@ def test_a_mistake_in_drawing_is_not_hidden(run):
 
     with pytest.raises(ValueError, match="a figure's own"):
         Artist(FORMATS, Failing()).finish(run)
+
+
+def test_a_mistake_in_putting_figures_together_is_not_hidden(run, monkeypatch):
+    """They are put together in a thread."""
+
+    def failing(run):
+        raise ValueError("a figure's own")
+
+    monkeypatch.setattr(figures, "of_stages", failing)
+    drawing = Artist(FORMATS, Helper())
+    drawing.begin(run)
+    with pytest.raises(ValueError, match="a figure's own"):
+        drawing.finish(run)
+
+
+def test_beside_a_helper_lapack_leaves_it_a_core(monkeypatch):
+    def threads():
+        return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+    before = threads()
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    with artist(FORMATS, helped=True):
+        assert threads() == {1}
+    assert threads() == before
 
 
 def test_a_report_is_written_from_what_an_artist_began(run, here, tmp_path):

@@ -1,8 +1,9 @@
 """Who draws a run's figures: this process, and beside a diagnosis a second one.
 
 Matplotlib is Python, and so is most of what JAX does before anything is computed: threads would take turns. A figure
-that is put together is a small thing to send to another process; drawing it takes ten times as long. Matplotlib is
-imported where it is needed: a command that ends early does without.
+that is put together is a small thing to send to another process; drawing it takes ten times as long. It is put together
+in a thread, since half of a diagnosis is computed outside of Python. Matplotlib is imported where it is needed: a
+command that ends early does without.
 """
 
 from __future__ import annotations
@@ -10,12 +11,14 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import TYPE_CHECKING
+
+from threadpoolctl import threadpool_limits
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,24 +46,30 @@ class Artist:
 
     def __init__(self, formats: Sequence[str] = (), helper: Executor | None = None):
         self.formats, self._helper = tuple(formats), helper
-        self._begun: list[_Sketch] = []
+        self._begun: Future[list[_Sketch]] | None = None
 
     def begin(self, run: Run) -> None:
         """Have the figures of the stages drawn, so that they are there when the diagnosis is; a helper does."""
-        from .figures import of_stages
-
         if self._helper is not None:
-            self._begun = self._sketch(of_stages(run))
+            thread = ThreadPoolExecutor(1)
+            self._begun = thread.submit(self._of_stages, run)
+            thread.shutdown(wait=False)
 
     def finish(self, run: Run) -> list[Drawn]:
         """All figures that the run has the numbers for, as soon as two can draw what is left of them."""
-        from .figures import diagnosis, of_stages
+        sketches = self._of_stages(run) if self._begun is None else self._begun.result()
 
-        sketches = self._begun or self._sketch(of_stages(run))
+        from .figures import diagnosis
+
         if run.explanation is not None:
             sketches += self._sketch(diagnosis(run.explanation))
         # from the last on: the helper begins with the first
         return [self._drawn(sketch) for sketch in reversed(sketches)][::-1]
+
+    def _of_stages(self, run: Run) -> list[_Sketch]:
+        from .figures import of_stages
+
+        return self._sketch(of_stages(run))
 
     def _sketch(self, figures: Iterable[tuple[str, Figure]]) -> list[_Sketch]:
         return [_Sketch(stem, made, self._ask(stem, made)) for stem, made in figures]
@@ -93,14 +102,19 @@ def artist(formats: Sequence[str], *, helped: bool) -> Iterator[Artist]:
     Arguments:
         helped: whether a second process is worth its start; it is none on a single core.
     """
-    if not helped or (os.cpu_count() or 1) < 2:
+    cores = os.cpu_count() or 1
+    if not helped or cores < 2:
         yield Artist(formats)
         return
     # not forked: JAX's threads would hold locks in the copy
     helper = ProcessPoolExecutor(1, get_context("spawn"), _ignore_interrupts)
     try:
         helper.submit(_wake)  # while there is nothing to draw
-        yield Artist(formats, helper)
+        # a core is the helper's: LAPACK's threads would keep it busy with waiting
+        import scipy.linalg  # noqa: F401 (its LAPACK is another than NumPy's)
+
+        with threadpool_limits(cores - 1, user_api="blas"):
+            yield Artist(formats, helper)
     finally:
         helper.shutdown(wait=False, cancel_futures=True)
 
