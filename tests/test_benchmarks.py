@@ -4,13 +4,15 @@ import shutil
 
 import numpy as np
 import pytest
+from benchmarks import __main__ as program
 from benchmarks.__main__ import WORKS
-from benchmarks.measure import Measured
+from benchmarks.measure import AbsentError, Measured
 from benchmarks.rivals.integrators import by_lsim
 from benchmarks.rivals.recurrence import compiled
 from benchmarks.table import as_markdown, seconds
 from benchmarks.works import learn, scaling, simulate
 from benchmarks.works.ratio import Asked
+from rich.console import Console
 from scipy.signal import lsim
 
 import wallid
@@ -87,6 +89,25 @@ def test_the_worst_error_counts():
     assert rows[0].value == pytest.approx(0.1) and rows[0].met is False
     assert rows[1].value == pytest.approx(1e-3) and rows[1].met
     assert rows[2].value == pytest.approx(0.1) and rows[2].met
+
+
+def test_short_contenders_take_turns_and_the_middle_one_counts(monkeypatch):
+    asked, taken = [], {"LOM": [3.0, 9.0, 4.0], "least_squares on lsim": [500.0]}
+
+    def measuring(work, name):
+        asked.append(name)
+        if name == "MIM 5":
+            raise AbsentError("not here")
+        return measured(work, name, taken[name].pop(0))
+
+    monkeypatch.setattr(program, "measure", measuring)
+    found, absent = program.measured(["estimate"], Console(quiet=True))
+    assert asked == ["LOM", "MIM 5", "least_squares on lsim", "LOM", "LOM"]
+    assert {name: one.seconds for name, one in found["estimate"].items()} == {
+        "LOM": 4.0,
+        "least_squares on lsim": 500.0,
+    }
+    assert absent == {"estimate": {"MIM 5": "not here"}}
 
 
 def test_exponents_of_a_power_law():

@@ -71,6 +71,7 @@ CONTENDERS = {
     "MIM 5": _reduced,
     "least_squares on lsim": lambda: Prepared(_by_scipy(ETA), _error),
 }
+IN_TURNS = ("LOM", "MIM 5")
 
 
 def asked(results: Results) -> list[Asked]:

@@ -37,6 +37,7 @@ CONTENDERS = {
     "diffrax Heun 30 s": lambda: _direct().heun(),
     "C recurrence of order 5": lambda: _direct().limit(),
 }
+IN_TURNS = ("exact LOM", "MIM 5", "C recurrence of order 5")
 # as it comes, without what wallid asks of XLA
 PLAIN = ("diffrax Heun 30 s",)
 
