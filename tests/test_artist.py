@@ -56,7 +56,7 @@ def test_a_second_process_draws_the_same_bytes(run, here, monkeypatch):
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
     with artist(FORMATS, helped=True) as drawing:
         drawing.begin(run)
-        for sketch in drawing._begun.result(timeout=60):
+        for sketch in drawing._begun:
             sketch.helped.result(timeout=120)
         drawn = drawing.finish(run)
     assert [one.stem for one in drawn] == [stem for stem, _ in of_stages(run)] == ["wall", "record"]
@@ -106,14 +106,13 @@ def test_a_mistake_in_drawing_is_not_hidden(run):
 
 
 def test_a_mistake_in_putting_figures_together_is_not_hidden(run, monkeypatch):
-    """They are put together in a thread."""
-
     def failing(run):
         raise ValueError("a figure's own")
 
     monkeypatch.setattr(figures, "of_stages", failing)
     drawing = Artist(FORMATS, Helper())
-    drawing.begin(run)
+    with pytest.raises(ValueError, match="a figure's own"):
+        drawing.begin(run)
     with pytest.raises(ValueError, match="a figure's own"):
         drawing.finish(run)
 

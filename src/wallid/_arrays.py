@@ -16,7 +16,7 @@ from jax.core import Tracer
 
 
 def on_device(given: Any) -> Array:
-    """`jnp.asarray`; of a NumPy array a copy, of a number an array like those of NumPy's."""
+    """`jnp.asarray`; of a NumPy array a copy, of a float an array without a weak type."""
     return jax.device_put(np.array(given)) if isinstance(given, np.ndarray | np.generic | float) else jnp.asarray(given)
 
 

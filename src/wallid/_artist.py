@@ -1,9 +1,8 @@
 """Who draws a run's figures: this process, and beside a diagnosis a second one.
 
 Matplotlib is Python, and so is most of what JAX does before anything is computed: threads would take turns. A figure
-that is put together is a small thing to send to another process; drawing it takes ten times as long. It is put together
-in a thread, since half of a diagnosis is computed outside of Python. Matplotlib is imported where it is needed: a
-command that ends early does without.
+that is put together is a small thing to send to another process; drawing it takes ten times as long. Matplotlib is
+imported where it is needed: a command that ends early does without.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -46,21 +45,18 @@ class Artist:
 
     def __init__(self, formats: Sequence[str] = (), helper: Executor | None = None):
         self.formats, self._helper = tuple(formats), helper
-        self._begun: Future[list[_Sketch]] | None = None
+        self._begun: list[_Sketch] = []
 
     def begin(self, run: Run) -> None:
         """Have the figures of the stages drawn, so that they are there when the diagnosis is; a helper does."""
         if self._helper is not None:
-            thread = ThreadPoolExecutor(1)
-            self._begun = thread.submit(self._of_stages, run)
-            thread.shutdown(wait=False)
+            self._begun = self._of_stages(run)
 
     def finish(self, run: Run) -> list[Drawn]:
         """All figures that the run has the numbers for, as soon as two can draw what is left of them."""
-        sketches = self._of_stages(run) if self._begun is None else self._begun.result()
-
         from .figures import diagnosis
 
+        sketches = self._begun or self._of_stages(run)
         if run.explanation is not None:
             sketches += self._sketch(diagnosis(run.explanation))
         # from the last on: the helper begins with the first
