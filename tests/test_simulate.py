@@ -126,7 +126,7 @@ def test_the_compilation_cache_takes_what_diffrax_steps(solver):
     ("nodes", "sensitivity", "free"),  # order 7 within one vector, 8 filling it, 21 in several
     [(9, True, False), (9, True, True), (9, False, False), (10, True, False), (23, True, False)],
 )
-def test_one_loop_gives_what_blocks_and_lsim_give(nodes, sensitivity, free):
+def test_loops_and_lanes_give_what_blocks_and_lsim_give(nodes, sensitivity, free):
     system = slab(nodes, degree=2).modal()
     if free:
         system = replace(system, C_theta=2.0 * system.C)
@@ -142,18 +142,33 @@ def test_one_loop_gives_what_blocks_and_lsim_give(nodes, sensitivity, free):
     )
     assert_allclose(u, want, atol=1e-12)
     assert_allclose(u[1:], u_blocks, atol=1e-13)
+    u_lanes, theta_lanes = eqx.filter_jit(recurrence.side_by_side)(system, exact, start, recurrence.in_lanes(inputs))
+    assert_allclose(recurrence.in_rows(u_lanes, len(inputs)), want, atol=1e-12)
     if not sensitivity:
-        assert theta is None
+        assert theta is None and theta_lanes is None
     else:
         assert_allclose(theta, (2.0 if free else 1.0) * want_theta, atol=1e-12)
         assert_allclose(theta[1:], theta_blocks, atol=1e-13)
+        assert_allclose(recurrence.in_rows(theta_lanes, len(inputs)), (2.0 if free else 1.0) * want_theta, atol=1e-12)
 
 
-def test_one_loop_goes_through_every_transformation(monkeypatch):
+@hypothesis.given(rows=st.integers(1, 400), columns=st.integers(1, 4))
+def test_lanes_are_the_rows_one_stretch_after_the_other(rows, columns):
+    given = np.arange(1.0, 1.0 + rows * columns).reshape(rows, columns)
+    lanes = np.asarray(recurrence.in_lanes(jnp.asarray(given)))
+    assert np.array_equal(recurrence.in_rows(jnp.asarray(lanes), rows), given)
+    steps = len(lanes)
+    assert np.array_equal(lanes[:, :, 0], given[:steps])
+    assert lanes.sum() == given.sum()  # zeros past the last row
+
+
+@pytest.mark.parametrize(("nodes", "rows"), [(9, 61), (20, 300)])  # one loop, lanes
+def test_loops_go_through_every_transformation(monkeypatch, nodes, rows):
     """Closed over, mapped over models and inputs, forward and reverse, once and twice: nothing that XLA cannot make."""
     monkeypatch.setattr(recurrence, "has_small_loops", lambda: True)
-    system, inputs = slab(9).modal(), jnp.asarray(random_walk(61, 2, 7))
-    assert recurrence.is_small(system, len(inputs)) and not recurrence.is_small(system, 10_000)
+    system, inputs = slab(nodes).modal(), jnp.asarray(random_walk(rows, 2, 7))
+    assert recurrence.is_small(system, len(inputs)) and not recurrence.is_small(system, 100_000)
+    assert recurrence.has_lanes(system, len(inputs)) == (rows == 300)
 
     def of(fo, q=inputs, model=system):
         u, theta = wallid.propagate(model, fo, 0.04, q, jnp.zeros(1), sensitivity=True)

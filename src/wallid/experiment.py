@@ -16,6 +16,7 @@ from ._columns import FEWEST_ROWS
 from ._units import DAY
 from .case import Case
 from .lom import Output, lom
+from .recurrence import in_lanes
 from .statespace import StateSpace
 from .wall import SIDES, InputError, Scales
 
@@ -72,10 +73,10 @@ class Experiment(eqx.Module):
     """
 
     step: Float[Array, ""] = eqx.field(converter=on_device)
-    inputs: Float[Array, "time input"] = eqx.field(converter=on_device)
+    inputs: Float[Array, "time input *lane"] = eqx.field(converter=on_device)
     initial: Float[Array, " param"] = eqx.field(converter=on_device)
-    observed: Float[Array, "time sensor"] = eqx.field(converter=on_device)
-    weight: Float[Array, "time sensor"] = eqx.field(converter=on_device)
+    observed: Float[Array, "time sensor *lane"] = eqx.field(converter=on_device)
+    weight: Float[Array, "time sensor *lane"] = eqx.field(converter=on_device)
     offset_std: Float[Array, " sensor"] = eqx.field(converter=on_device)
     profile_per_offset: Float[Array, "param sensor"] = eqx.field(converter=on_device)
     temperature: Float[Array, ""] = eqx.field(converter=on_device)
@@ -85,6 +86,18 @@ class Experiment(eqx.Module):
     def celsius(self, u: Array) -> Array:
         """Dimensionless temperatures in degC."""
         return self.temperature_min + self.temperature * u
+
+    @property
+    def has_lanes(self) -> bool:
+        """Whether its rows lie in lanes."""
+        return self.inputs.ndim == 3
+
+    def in_lanes(self) -> Experiment:
+        """The same with the rows in lanes, `(step, column, lane)`; past the last row no reading has a weight."""
+        rows = self.inputs, self.observed, self.weight
+        return eqx.tree_at(
+            lambda data: (data.inputs, data.observed, data.weight), self, [in_lanes(part) for part in rows]
+        )
 
     def starting_from(self, initial: Float[Array, " param"]) -> Experiment:
         """The same window from another initial profile."""

@@ -18,7 +18,7 @@ Source: Berger and Kadoch, Section 4.2 and Algorithm 1; Deuflhard, Newton Method
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -26,7 +26,7 @@ import jax
 import jax.numpy as jnp
 import lineax as lx
 import optimistix as optx
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 _LONGEST = 2.0  # of a step in ln(alpha)
 _ROUND_OFF = 1e-12  # relative growth of the cost that is no growth: a sum of many squares rounds
@@ -60,8 +60,8 @@ class _State(eqx.Module):
     cost: Float[Array, ""]
     newton: Float[Array, " param"]
     length: Float[Array, ""]
-    residual: Float[Array, " reading"]
-    jacobian: Float[Array, "param reading"]
+    residual: PyTree[Array]
+    jacobian: PyTree[Array]
     rows: Float[Array, "iterate column"]
     count: Int[Array, ""]
     evaluations: Int[Array, ""]
@@ -76,7 +76,8 @@ class GaussNewton(optx.AbstractLeastSquaresSolver):
     Optimistix's own carries residual, Jacobian and aux of the last iterate from step to step, and copies them in each:
     as much work as a reduced model. This one carries numbers, and where it ends on a refused step evaluates once more.
 
-    In `stats`: the `trace` of its iterates; `residual` and `jacobian` at the last of them, whose is `aux`.
+    In `stats`: the `trace` of its iterates; `residual` and `jacobian` at the last of them, whose is `aux`: one array or
+    several, as `fn` gives them, the Jacobian's with the parameters as their last axis.
 
     Arguments:
         eta_1, eta_2: it goes on while both relative changes are at least these.
@@ -100,8 +101,8 @@ class GaussNewton(optx.AbstractLeastSquaresSolver):
             cost=jnp.array(jnp.inf),
             newton=jnp.zeros_like(y),
             length=jnp.array(1.0),
-            residual=jnp.zeros(f_struct.shape),
-            jacobian=jnp.zeros(y.shape + f_struct.shape),
+            residual=jax.tree.map(lambda part: jnp.zeros(part.shape), f_struct),
+            jacobian=jax.tree.map(lambda part: jnp.zeros(y.shape + part.shape), f_struct),
             rows=jnp.full((self.longest_trace + 1, y.size + 3), jnp.nan),
             count=jnp.array(0),
             evaluations=jnp.array(0),
@@ -165,34 +166,37 @@ class GaussNewton(optx.AbstractLeastSquaresSolver):
         rows = jnp.where(reached[:, None], state.rows, jnp.nan)
         cost, gamma_1, gamma_2 = rows[:, y.size :].T
         trace = Trace(rows[:, : y.size], cost, gamma_1, gamma_2, state.count)
-        return y, aux, {"trace": trace, "residual": state.residual, "jacobian": state.jacobian.T}
+        jacobian = jax.tree.map(lambda part: jnp.moveaxis(part, 0, -1), state.jacobian)
+        return y, aux, {"trace": trace, "residual": state.residual, "jacobian": jacobian}
 
 
-def _newton(
-    residual: Float[Array, " reading"], jacobian: Float[Array, "param reading"]
-) -> tuple[Array, Array, optx.RESULTS]:
+def _newton(residual: PyTree[Array], jacobian: PyTree[Array]) -> tuple[Array, Array, optx.RESULTS]:
     """The cost `|r|^2`, and the smallest solution of `min |J d - r|`: a parameter without information stays.
 
     By singular values; one column needs no decomposition (thousands of walls at once do), and its three sums are one
-    pass through the readings.
+    pass through the readings, in whatever shape they lie.
     """
-    if jacobian.shape[0] > 1:
-        solved = lx.linear_solve(lx.MatrixLinearOperator(jacobian.T), residual, lx.SVD(rcond=1e-12), throw=False)
-        return jnp.sum(residual**2), solved.value, optx.RESULTS.promote(solved.result)
-    column = jacobian[0]
+    parts = [(r, J) for r, J in zip(jax.tree.leaves(residual), jax.tree.leaves(jacobian), strict=True) if r.size]
+    if parts[0][1].shape[0] > 1:
+        r = jnp.concatenate([r.reshape(-1) for r, _ in parts])
+        J = jnp.concatenate([J.reshape(J.shape[0], -1) for _, J in parts], axis=1)
+        solved = lx.linear_solve(lx.MatrixLinearOperator(J.T), r, lx.SVD(rcond=1e-12), throw=False)
+        return jnp.sum(r**2), solved.value, optx.RESULTS.promote(solved.result)
     zero = jnp.zeros(())
-    cost, size, pull = jax.lax.reduce(
-        (residual**2, column**2, column * residual),
-        (zero, zero, zero),
-        lambda sums, more: tuple(a + b for a, b in zip(sums, more, strict=True)),
-        (0,),
-    )
+
+    def together(sums: Sequence[Array], more: Sequence[Array]) -> tuple[Array, ...]:
+        return tuple(a + b for a, b in zip(sums, more, strict=True))
+
+    sums = (zero, zero, zero)
+    for r, (column,) in parts:
+        sums = together(sums, jax.lax.reduce((r**2, column**2, column * r), (zero,) * 3, together, range(r.ndim)))
+    cost, size, pull = sums
     newton = jnp.where(size > 0, pull / jnp.where(size > 0, size, 1.0), 0.0)
     return cost, newton[None], optx.RESULTS.successful
 
 
 def search(
-    residual: Callable[[Any, Any], tuple[Array, Any]],
+    residual: Callable[[Any, Any], tuple[PyTree[Array], Any]],
     first: Float[Array, " param"],
     args: Any,
     *,
@@ -204,7 +208,7 @@ def search(
     """The iteration on `residual(y, args)` from `first`, through optimistix; for its `stats` see `GaussNewton`.
 
     Arguments:
-        residual: gives the residual, and what else is wanted at the minimum (`aux`).
+        residual: gives the residual, one array or several, and what else is wanted at the minimum (`aux`).
         eta: the stopping criterion on the diffusivity; its square is that on the cost.
         lower, upper: of ln(alpha/alpha_0).
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 
 import jax
@@ -15,8 +16,10 @@ from .exponential import State, StepMap, times
 from .statespace import StateSpace
 
 _FEW = 16  # states: below, sums are cheaper than products of thin matrices
-_LANES = 8  # numbers in the widest vector of a common processor
-_SMALL = 24, 2**15  # states, and states times rows, up to which one loop is faster than blocks, as measured
+_VECTOR = 8  # numbers in the widest vector of a common processor
+_LANES = 64  # stretches of rows side by side: of fewer, XLA makes single numbers and not vectors
+_LONG = 256  # rows from which lanes are long enough
+_SMALL = 24, 2**17  # states, and states times rows, up to which one loop or lanes are faster than blocks, as measured
 
 Stretch = tuple[State, tuple[Array, Array | None]]
 """The state at the last row; u and theta at every row but the first, theta None without the sensitivity."""
@@ -50,9 +53,20 @@ def in_blocks(system: StateSpace, exact: StepMap, state: State, inputs: Float[Ar
 
 
 def is_small(system: StateSpace, rows: int) -> bool:
-    """Whether a diagonal model of few states under few rows is best run `in_one_loop`."""
+    """Whether a diagonal model of few states under few rows is best run by loops that are single kernels."""
     states, work = _SMALL
     return system.is_diagonal and system.order <= states and rows * system.order <= work and has_small_loops()
+
+
+def in_loops(
+    system: StateSpace, exact: StepMap, state: State, inputs: Float[Array, "time input"]
+) -> tuple[Float[Array, "time output"], Float[Array, "time output"] | None]:
+    """u and theta at every row, for a diagonal model that `is_small`: in lanes where its states are not few."""
+    rows = inputs.shape[0]
+    if system.order <= _FEW or not has_lanes(system, rows):
+        return in_one_loop(system, exact, state, inputs)
+    u, theta = side_by_side(system, exact, state, in_lanes(inputs))
+    return in_rows(u, rows), None if theta is None else in_rows(theta, rows)
 
 
 def in_one_loop(
@@ -60,25 +74,14 @@ def in_one_loop(
 ) -> tuple[Float[Array, "time output"], Float[Array, "time output"] | None]:
     """u and theta at every row, one after the other, in a single kernel: for a diagonal model that `is_small`.
 
-    For `z = x - W1 q` and `zeta = theta - V1 q` a step takes one row of inputs,
-
-        z_k+1 = E z_k + b q_k,                               b = W0 + E W1
-        zeta_k+1 = E zeta_k + E' z_k + b' q_k,               b' = V0 + E V1 + E' W1
-
-    Both lie in one array, each from a whole number of `_LANES` on: the compiler then steps them as vectors.
+    The states of field and sensitivity (`_one_row_a_step`) lie in one array, each from a whole number of `_VECTOR` on:
+    the compiler then steps them as vectors.
     """
-    (x, theta), E, E_theta, order = state, exact.E[:, None], exact.E_theta, system.order
-    # products of matrices as sums, or XLA does not make one kernel of a whole search with this in it
-    first, driven = [x - times(exact.W1, inputs[0])], [exact.W0 + E * exact.W1]
-    seen = [(system.C, system.D + times(system.C, exact.W1.T).T)]
-    if theta is not None and E_theta is not None and exact.V0 is not None and exact.V1 is not None:
-        first.append(theta - times(exact.V1, inputs[0]))
-        driven.append(exact.V0 + E * exact.V1 + E_theta[:, None] * exact.W1)
-        seen.append((system.theta_outputs, times(system.theta_outputs, exact.V1.T).T))
+    first, driven, seen = _one_row_a_step(system, exact, state, inputs[0])
+    E_theta, order = exact.E_theta, system.order
+    width = -(-order // _VECTOR) * _VECTOR
 
-    width = -(-order // _LANES) * _LANES
-
-    def in_lanes(parts: list[Array]) -> Array:
+    def padded(parts: list[Array]) -> Array:
         return jnp.concatenate([jnp.pad(part, [(0, width - order)] + [(0, 0)] * (part.ndim - 1)) for part in parts])
 
     def on(z: Array, q: Array) -> tuple[Array, tuple[Array, ...]]:
@@ -88,9 +91,90 @@ def in_one_loop(
         parts = (z[k * width : k * width + order] for k in range(len(seen)))
         return after, tuple(times(C, part) + times(D, q) for (C, D), part in zip(seen, parts, strict=True))
 
-    decay, drive = in_lanes([exact.E] * len(first)), in_lanes(driven)
-    u, *y = jax.lax.scan(on, in_lanes(first), inputs)[1]
+    decay, drive = padded([exact.E] * len(first)), padded(driven)
+    u, *y = jax.lax.scan(on, padded(first), inputs)[1]
     return u, y[0] if y else None
+
+
+def has_lanes(system: StateSpace, rows: int) -> bool:
+    """Whether a diagonal model is best run `side_by_side` by who takes what comes out as it lies."""
+    return rows >= _LONG and is_small(system, rows)
+
+
+def in_lanes(rows: Float[Array, "time column"]) -> Float[Array, "step column lane"]:
+    """Rows cut into stretches that lie side by side; past the last row zeros."""
+    steps = -(-rows.shape[0] // _LANES)
+    return _lengthened(rows, _LANES * steps).reshape(_LANES, steps, -1).transpose(1, 2, 0)
+
+
+def in_rows(lanes: Float[Array, "step column lane"], rows: int) -> Float[Array, "time column"]:
+    """The rows that `in_lanes` cut."""
+    return lanes.transpose(2, 0, 1).reshape(-1, lanes.shape[1])[:rows]
+
+
+def side_by_side(
+    system: StateSpace, exact: StepMap, state: State, inputs: Float[Array, "step input lane"]
+) -> tuple[Float[Array, "step output lane"], Float[Array, "step output lane"] | None]:
+    """u and theta at every row, all lanes a row on at a time: for a diagonal model that `has_lanes`.
+
+    Each lane goes from rest to its end, the lanes' first states follow from each other, and from these all go once
+    more. Twice the steps, but of whole vectors: for whoever can use what comes out as it lies.
+    """
+    first, driven, seen = _one_row_a_step(system, exact, state, inputs[0, :, 0])
+    steps, lanes = inputs.shape[0], inputs.shape[2]
+
+    def on(z: tuple[Array, ...], q: Array) -> tuple[Array, ...]:
+        return _step(exact.E[:, None], slope, z, [_side_by_side(drive, q) for drive in driven])
+
+    def onward(z: tuple[Array, ...], end: tuple[Array, ...]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+        return _step(exact.E**steps, whole_slope, z, end), z
+
+    def seen_at(z: tuple[Array, ...], q: Array) -> tuple[Array, ...]:
+        return tuple(_side_by_side(C, part) + _side_by_side(D, q) for (C, D), part in zip(seen, z, strict=True))
+
+    slope = None if exact.E_theta is None else exact.E_theta[:, None]
+    # the derivative of a power
+    whole_slope = None if exact.E_theta is None else steps * exact.E ** (steps - 1) * exact.E_theta
+    rest = tuple(jnp.zeros((system.order, lanes)) for _ in first)
+    ends, _ = jax.lax.scan(lambda z, q: (on(z, q), None), rest, inputs)
+    _, firsts = jax.lax.scan(onward, tuple(first), tuple(end.T for end in ends))
+    u, *y = jax.lax.scan(lambda z, q: (on(z, q), seen_at(z, q)), tuple(part.T for part in firsts), inputs)[1]
+    return u, y[0] if y else None
+
+
+def _one_row_a_step(
+    system: StateSpace, exact: StepMap, state: State, first: Float[Array, " input"]
+) -> tuple[list[Array], list[Array], list[tuple[Array, Array]]]:
+    """For `z = x - W1 q` and `zeta = theta - V1 q` a step takes one row of inputs,
+
+        z_k+1 = E z_k + b q_k,                               b = W0 + E W1
+        zeta_k+1 = E zeta_k + E' z_k + b' q_k,               b' = V0 + E V1 + E' W1
+
+    Returns their first values, `b` and `b'`, and what sees them: `(C, D + C W1)` and `(C_theta, C_theta V1)`. The
+    second of each only with the sensitivity.
+    """
+    # products of matrices as sums, or XLA does not make one kernel of a whole search with this in it
+    (x, theta), E = state, exact.E[:, None]
+    start, driven = [x - times(exact.W1, first)], [exact.W0 + E * exact.W1]
+    seen = [(system.C, system.D + times(system.C, exact.W1.T).T)]
+    if theta is not None and exact.E_theta is not None and exact.V0 is not None and exact.V1 is not None:
+        start.append(theta - times(exact.V1, first))
+        driven.append(exact.V0 + E * exact.V1 + exact.E_theta[:, None] * exact.W1)
+        seen.append((system.theta_outputs, times(system.theta_outputs, exact.V1.T).T))
+    return start, driven, seen
+
+
+def _step(E: Array, slope: Array | None, z: tuple[Array, ...], added: Sequence[Array]) -> tuple[Array, ...]:
+    """z, and zeta where it is there, a step later."""
+    moved = [E * part + more for part, more in zip(z, added, strict=True)]
+    if slope is not None and len(z) > 1:
+        moved[1] += slope * z[0]
+    return tuple(moved)
+
+
+def _side_by_side(matrix: Float[Array, "out few"], lanes: Float[Array, "few lane"]) -> Float[Array, "out lane"]:
+    """`matrix lanes` as a sum, of vectors over the lanes."""
+    return sum((matrix[:, k, None] * lanes[k] for k in range(1, matrix.shape[1])), matrix[:, :1] * lanes[0])
 
 
 def _block_length(rows: int, order: int) -> int:

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, ScalarLike
 
 from .experiment import Experiment
-from .simulate import Integrator, Outputs, run_rows
+from .simulate import Integrator, Outputs, propagate_lanes, run_rows
 from .statespace import StateSpace
 
 
@@ -25,30 +25,24 @@ def run(
     sensitivity: bool = False,
     integrator: Integrator = "propagator",
 ) -> tuple[Outputs, Outputs | None]:
-    """u and theta at the rows of an experiment."""
-    return run_rows(
-        system,
-        fourier,
-        experiment.step,
-        experiment.inputs,
-        experiment.initial,
-        sensitivity=sensitivity,
-        integrator=integrator,
-    )
+    """u and theta at the rows of an experiment, in lanes where its rows are (`integrator` says nothing then)."""
+    given = system, fourier, experiment.step, experiment.inputs, experiment.initial
+    if experiment.has_lanes:
+        return propagate_lanes(*given, sensitivity=sensitivity)
+    return run_rows(*given, sensitivity=sensitivity, integrator=integrator)
 
 
 def profile_response(
     system: StateSpace,
     fourier: ScalarLike,
-    step: ScalarLike,
-    rows: int,
+    experiment: Experiment,
     initial: Float[Array, " param"],
     *,
     integrator: Integrator = "propagator",
 ) -> Outputs:
     """What an addition to the initial profile alone makes of u: the faces add nothing."""
-    still = jnp.zeros((rows, system.B.shape[1]))
-    return run_rows(system, fourier, step, still, initial, integrator=integrator)[0]
+    still = eqx.tree_at(lambda data: data.inputs, experiment, jnp.zeros_like(experiment.inputs))
+    return run(system, fourier, still.starting_from(initial), integrator=integrator)[0]
 
 
 def explicit(
@@ -93,7 +87,5 @@ def _field_jvp(primals, tangents):
     if tangents[0] is not None:
         change = change + theta * tangents[0]
     if tangents[1] is not None:
-        change = change + profile_response(
-            system, fourier, experiment.step, u.shape[0], tangents[1], integrator=integrator
-        )
+        change = change + profile_response(system, fourier, experiment, tangents[1], integrator=integrator)
     return u, change

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, ScalarLike
 from ._arrays import on_device
 from ._programs import compiled
 from .exponential import Exponential, Flow, State, outputs, step_map
-from .recurrence import in_blocks, in_one_loop, in_turn, is_small
+from .recurrence import in_blocks, in_loops, in_turn, is_small, side_by_side
 from .statespace import StateSpace
 
 _STRETCH = 4096  # rows, whole blocks of them
@@ -26,7 +26,7 @@ _FLOAT = np.dtype(float)
 
 ArrayLike = Array | np.ndarray
 
-Outputs = Float[Array, "time output"]
+Outputs = Float[Array, "time output *lane"]
 
 
 class ToRows(diffrax.StepTo):
@@ -169,7 +169,7 @@ def _propagate(
     exact = step_map(system, fourier, step, sensitivity=sensitivity)
     start = _initial_state(system, initial, sensitivity)
     if is_small(system, inputs.shape[0]):
-        return in_one_loop(system, exact, start, inputs)
+        return in_loops(system, exact, start, inputs)
     pass_through = partial(in_blocks if system.is_diagonal else in_turn, system, exact)
     parts = [jax.tree.map(lambda row: row[None], outputs(system, start, inputs[0]))]
     whole = (inputs.shape[0] - 1) // _STRETCH * _STRETCH
@@ -182,6 +182,24 @@ def _propagate(
     if inputs.shape[0] - 1 > whole:
         parts.append(pass_through(start, inputs[whole:])[1])
     return jax.tree.map(lambda *rows: jnp.concatenate(rows), *parts)
+
+
+def propagate_lanes(
+    system: StateSpace,
+    fourier: ScalarLike,
+    step: Float[Array, ""],
+    inputs: Float[Array, "step input lane"],
+    initial: Float[Array, " param"],
+    *,
+    sensitivity: bool = False,
+) -> tuple[Outputs, Outputs | None]:
+    """The same numbers for rows in lanes, for a model that `has_lanes`, as part of a compiled function.
+
+    Arguments:
+        inputs: cut by `recurrence.in_lanes`; what comes out lies as they do.
+    """
+    exact = step_map(system, _as_array(fourier), step, sensitivity=sensitivity)
+    return side_by_side(system, exact, _initial_state(system, initial, sensitivity), inputs)
 
 
 Integrator = Literal["propagator", "diffrax"]

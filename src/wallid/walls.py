@@ -85,18 +85,17 @@ def _one(arrays: tuple, static: tuple, eta: Float[Array, ""]) -> dict[str, Array
     """The numbers of one wall, by the names that `Walls` gives them."""
     system, data, fourier_per_alpha, start = eqx.combine(arrays, static)
     problem = Problem(system, data, fourier_per_alpha, start, True, "propagator")
-    solution = searched(problem, eta, _ITERATIONS)
-    residual, jacobian = solution.stats["residual"], solution.stats["jacobian"]
+    solution, jacobian = searched(problem, eta, _ITERATIONS)
     # offsets projected out: what is left of the diffusivity's column when it is cleared of theirs
     own, others = jacobian[:, 0], jacobian[:, 1:].T
     if data.offsets:
         own = own - others.T @ jnp.linalg.solve(others @ others.T, others @ own)
     information = jnp.sum(own**2)
-    readings = jnp.sum(data.weight > 0)
+    readings, cost = jnp.sum(data.weight > 0), sum(jnp.sum(part**2) for part in solution.stats["residual"])
     return {
         "diffusivity": start * jnp.exp(solution.value[0]),
         "relative_std": 1.0 / jnp.sqrt(information),
-        "chi_square": jnp.sum(residual**2) / jnp.maximum(readings - 1, 1),
+        "chi_square": cost / jnp.maximum(readings - 1, 1),
         "steps": solution.stats["trace"].count - 1,
         "converged": solution.result == optx.RESULTS.successful,
     }

@@ -139,10 +139,10 @@ def _offset_columns(
     system: StateSpace, fo: Array, data: Experiment, integrator: Integrator
 ) -> Float[Array, "time output offset"]:
     """What one standard deviation of each estimated offset makes of the predicted readings, K."""
-    places, rows = np.asarray(data.offsets), data.inputs.shape[0]
+    places = np.asarray(data.offsets)
 
     def column(place: Array) -> Array:
-        u = profile_response(system, fo, data.step, rows, -data.profile_per_offset[:, place], integrator=integrator)
+        u = profile_response(system, fo, data, -data.profile_per_offset[:, place], integrator=integrator)
         return data.offset_std[place] * (data.temperature * u + jax.nn.one_hot(place, u.shape[1]))
 
     return jnp.moveaxis(jax.vmap(column)(jnp.asarray(places)), 0, -1)
