@@ -85,13 +85,14 @@ def in_one_loop(
         return jnp.concatenate([jnp.pad(part, [(0, width - order)] + [(0, 0)] * (part.ndim - 1)) for part in parts])
 
     def on(z: Array, q: Array) -> tuple[Array, tuple[Array, ...]]:
-        after = decay * z + times(drive, q)
+        after = sum((part * q[k] for k, part in enumerate(drive)), decay * z)
         if E_theta is not None and len(seen) > 1:
             after += jax.lax.pad(E_theta * z[:order], 0.0, [(width, width - order, 0)])
         parts = (z[k * width : k * width + order] for k in range(len(seen)))
         return after, tuple(times(C, part) + times(D, q) for (C, D), part in zip(seen, parts, strict=True))
 
-    decay, drive = padded([exact.E] * len(first)), padded(driven)
+    # an input's column by itself, or the compiler takes it out of the others at every row
+    decay, drive = padded([exact.E] * len(first)), padded(driven).T
     u, *y = jax.lax.scan(on, padded(first), inputs)[1]
     return u, y[0] if y else None
 
