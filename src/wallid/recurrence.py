@@ -157,11 +157,11 @@ def _one_row_a_step(
     # products of matrices as sums, or XLA does not make one kernel of a whole search with this in it
     (x, theta), E = state, exact.E[:, None]
     start, driven = [x - times(exact.W1, first)], [exact.W0 + E * exact.W1]
-    seen = [(system.C, system.D + times(system.C, exact.W1.T).T)]
+    seen = [(system.C, system.D + _side_by_side(system.C, exact.W1))]
     if theta is not None and exact.E_theta is not None and exact.V0 is not None and exact.V1 is not None:
         start.append(theta - times(exact.V1, first))
         driven.append(exact.V0 + E * exact.V1 + exact.E_theta[:, None] * exact.W1)
-        seen.append((system.theta_outputs, times(system.theta_outputs, exact.V1.T).T))
+        seen.append((system.theta_outputs, _side_by_side(system.theta_outputs, exact.V1)))
     return start, driven, seen
 
 
