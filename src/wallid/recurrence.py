@@ -19,7 +19,9 @@ _FEW = 16  # states: below, sums are cheaper than products of thin matrices
 _VECTOR = 8  # numbers in the widest vector of a common processor
 _LANES = 64  # stretches of rows side by side: of fewer, XLA makes single numbers and not vectors
 _LONG = 256  # rows from which lanes are long enough
-_SMALL = 24, 2**17  # states, and states times rows, up to which one loop or lanes are faster than blocks, as measured
+# as measured, one loop or lanes are faster than blocks
+_VERY_SMALL = 12  # states: however many rows there are
+_SMALL = 24, 2**17  # states, and states times rows
 
 Stretch = tuple[State, tuple[Array, Array | None]]
 """The state at the last row; u and theta at every row but the first, theta None without the sensitivity."""
@@ -55,7 +57,8 @@ def in_blocks(system: StateSpace, exact: StepMap, state: State, inputs: Float[Ar
 def is_small(system: StateSpace, rows: int) -> bool:
     """Whether a diagonal model of few states under few rows is best run by loops that are single kernels."""
     states, work = _SMALL
-    return system.is_diagonal and system.order <= states and rows * system.order <= work and has_small_loops()
+    fits = system.order <= _VERY_SMALL or (system.order <= states and rows * system.order <= work)
+    return fits and system.is_diagonal and has_small_loops()
 
 
 def in_loops(
