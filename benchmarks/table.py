@@ -67,9 +67,17 @@ def scaling_figure(results: dict[str, Measured], path: Path) -> None:
     for axes, (name, sizes) in zip(panels, SIZES.items(), strict=True):
         there = [(size, results[f"{name} {size}"]) for size in sizes if f"{name} {size}" in results]
         axes.loglog([size for size, _ in there], [1e3 * one.seconds for _, one in there], "o-", color="#0072B2")
+        # the sizes themselves; a span of little more than a decade would have labels over each other
+        axes.set_xticks([size for size, _ in there], [_short(size) for size, _ in there])
+        axes.minorticks_off()
         axes.set_xlabel(f"{name} (number of {units[name]})" if name != units[name] else f"{name} (number)")
         axes.set_title(f"exponent {slopes[name]:.2f}" if name in slopes else "not measured", fontsize=10)
         axes.grid(True, which="major", linewidth=0.4)
     panels[0].set_ylabel("field and sensitivity (ms)")
     figure.savefig(path, dpi=150)
     plt.close(figure)
+
+
+def _short(size: int) -> str:
+    """A size in few characters: 20, 1e6."""
+    return str(size) if size < 10_000 else f"{size:.0e}".replace("e+0", "e")
