@@ -18,10 +18,10 @@ from .statespace import StateSpace
 _FEW = 16  # states: below, sums are cheaper than products of thin matrices
 _VECTOR = 8  # numbers in the widest vector of a common processor
 _LANES = 64  # stretches of rows side by side: of fewer, XLA makes single numbers and not vectors
-_LONG = 256  # rows from which lanes are long enough
-# as measured, one loop or lanes are faster than blocks
+# up to where one loop or lanes are faster than blocks, as measured
 _VERY_SMALL = 12  # states: however many rows there are
 _SMALL = 24, 2**17  # states, and states times rows
+_LONG = 256  # rows from which lanes are long enough
 
 Stretch = tuple[State, tuple[Array, Array | None]]
 """The state at the last row; u and theta at every row but the first, theta None without the sensitivity."""
@@ -128,13 +128,13 @@ def side_by_side(
     steps, lanes = inputs.shape[0], inputs.shape[2]
 
     def on(z: tuple[Array, ...], q: Array) -> tuple[Array, ...]:
-        return _step(exact.E[:, None], slope, z, [_side_by_side(drive, q) for drive in driven])
+        return _step(exact.E[:, None], slope, z, [_as_sum(drive, q) for drive in driven])
 
     def onward(z: tuple[Array, ...], end: tuple[Array, ...]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
         return _step(exact.E**steps, whole_slope, z, end), z
 
     def seen_at(z: tuple[Array, ...], q: Array) -> tuple[Array, ...]:
-        return tuple(_side_by_side(C, part) + _side_by_side(D, q) for (C, D), part in zip(seen, z, strict=True))
+        return tuple(_as_sum(C, part) + _as_sum(D, q) for (C, D), part in zip(seen, z, strict=True))
 
     slope = None if exact.E_theta is None else exact.E_theta[:, None]
     # the derivative of a power
@@ -160,11 +160,11 @@ def _one_row_a_step(
     # products of matrices as sums, or XLA does not make one kernel of a whole search with this in it
     (x, theta), E = state, exact.E[:, None]
     start, driven = [x - times(exact.W1, first)], [exact.W0 + E * exact.W1]
-    seen = [(system.C, system.D + _side_by_side(system.C, exact.W1))]
+    seen = [(system.C, system.D + _as_sum(system.C, exact.W1))]
     if theta is not None and exact.E_theta is not None and exact.V0 is not None and exact.V1 is not None:
         start.append(theta - times(exact.V1, first))
         driven.append(exact.V0 + E * exact.V1 + exact.E_theta[:, None] * exact.W1)
-        seen.append((system.theta_outputs, _side_by_side(system.theta_outputs, exact.V1)))
+        seen.append((system.theta_outputs, _as_sum(system.theta_outputs, exact.V1)))
     return start, driven, seen
 
 
@@ -176,9 +176,9 @@ def _step(E: Array, slope: Array | None, z: tuple[Array, ...], added: Sequence[A
     return tuple(moved)
 
 
-def _side_by_side(matrix: Float[Array, "out few"], lanes: Float[Array, "few lane"]) -> Float[Array, "out lane"]:
-    """`matrix lanes` as a sum, of vectors over the lanes."""
-    return sum((matrix[:, k, None] * lanes[k] for k in range(1, matrix.shape[1])), matrix[:, :1] * lanes[0])
+def _as_sum(matrix: Float[Array, "out few"], columns: Float[Array, "few column"]) -> Float[Array, "out column"]:
+    """`matrix columns` as a sum; `times` takes rows."""
+    return sum((matrix[:, k, None] * columns[k] for k in range(1, matrix.shape[1])), matrix[:, :1] * columns[0])
 
 
 def _block_length(rows: int, order: int) -> int:
