@@ -11,7 +11,7 @@ from benchmarks.make_examples import slab_response
 import wallid
 from wallid import recurrence
 from wallid.estimate import fit_experiment
-from wallid.least_squares import Problem, searched
+from wallid.least_squares import Problem
 
 TRUTH = 5.21e-7
 SEEDS = 30  # `benchmarks.method` takes 50
@@ -196,16 +196,15 @@ def test_a_search_in_lanes_finds_what_one_by_rows_finds(case, reduced, monkeypat
     weight = data.weight * (rng.uniform(size=data.weight.shape) > 0.2)
     data = eqx.tree_at(lambda data: (data.weight, data.profile_per_offset), data, (weight, moves))
     per_alpha = jnp.asarray(wallid.scales(case).fourier(1.0))
-    problem = Problem(reduced.system, data, per_alpha, jnp.asarray(2.1e-7), True, "propagator")
+    start, eta = jnp.asarray(2.1e-7), jnp.asarray(1e-6)
     monkeypatch.setattr(recurrence, "has_small_loops", lambda: True)
 
     def found():
+        problem = Problem(reduced.system, data, per_alpha, start, True, "propagator")
         assert problem.in_lanes().data.has_lanes == in_lanes
-        # a function of its own: what was compiled in lanes is not taken for rows
-        solution, jacobian = eqx.filter_jit(lambda problem, eta: searched(problem, eta, 100))(
-            problem, jnp.asarray(1e-6)
-        )
-        return solution.value, solution.aux, jacobian, solution.stats["trace"].cost
+        # under a jit of its own: what was compiled in lanes is not taken for rows
+        fit = eqx.filter_jit(lambda data: fit_experiment.__wrapped__(reduced.system, data, per_alpha, start, eta))(data)
+        return fit.parameters, fit.predicted, fit.jacobian, fit.trace.cost
 
     in_lanes = True
     laned = found()

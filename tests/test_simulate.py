@@ -168,7 +168,7 @@ def test_loops_go_through_every_transformation(monkeypatch, nodes, rows):
     monkeypatch.setattr(recurrence, "has_small_loops", lambda: True)
     system, inputs = slab(nodes).modal(), jnp.asarray(random_walk(rows, 2, 7))
     assert recurrence.is_small(system, len(inputs)) and recurrence.is_small(system, 100_000) == (nodes == 9)
-    assert recurrence.has_lanes(system, len(inputs)) == (rows == 300)
+    assert recurrence.suits_lanes(system, len(inputs)) == (rows == 300)
 
     def of(fo, q=inputs, model=system):
         u, theta = wallid.propagate(model, fo, 0.04, q, jnp.zeros(1), sensitivity=True)

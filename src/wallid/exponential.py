@@ -53,7 +53,7 @@ class StepMap(eqx.Module):
     """One exact step: `x_1 = E x_0 + W0 q_0 + W1 q_1`, and its derivative by Fo.
 
     `theta_1 = E theta_0 + E_theta x_0 + V0 q_0 + V1 q_1`. For a diagonal model `E` and `E_theta`
-    are vectors.
+    are vectors, or columns for states `(node, lane)`.
     """
 
     E: Array
@@ -73,7 +73,8 @@ class StepMap(eqx.Module):
     def move(self, state: State, drive: State) -> State:
         """The state a step later, with what the inputs add."""
         x, theta = state
-        step = jnp.multiply if self.E.ndim == 1 else jnp.matmul
+        # of one node a product is the same
+        step = jnp.matmul if self.E.ndim == 2 and self.E.shape[0] == self.E.shape[1] else jnp.multiply
         x1 = step(self.E, x) + drive[0]
         if theta is None or self.E_theta is None or drive[1] is None:
             return x1, None

@@ -19,6 +19,7 @@ Source: Berger and Kadoch, Section 4.2 and Algorithm 1; Deuflhard, Newton Method
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import reduce
 from typing import Any
 
 import equinox as eqx
@@ -187,10 +188,8 @@ def _newton(residual: PyTree[Array], jacobian: PyTree[Array]) -> tuple[Array, Ar
     def together(sums: Sequence[Array], more: Sequence[Array]) -> tuple[Array, ...]:
         return tuple(a + b for a, b in zip(sums, more, strict=True))
 
-    sums = (zero, zero, zero)
-    for r, (column,) in parts:
-        sums = together(sums, jax.lax.reduce((r**2, column**2, column * r), (zero,) * 3, together, range(r.ndim)))
-    cost, size, pull = sums
+    sums = [jax.lax.reduce((r**2, J**2, J * r), (zero,) * 3, together, range(r.ndim)) for r, (J,) in parts]
+    cost, size, pull = reduce(together, sums)
     newton = jnp.where(size > 0, pull / jnp.where(size > 0, size, 1.0), 0.0)
     return cost, newton[None], optx.RESULTS.successful
 

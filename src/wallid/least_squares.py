@@ -26,7 +26,7 @@ from .experiment import Experiment, large_model, scales
 from .gauss_newton import Trace, search
 from .likelihood import HIGHEST, LOWEST
 from .lom import Output
-from .recurrence import has_lanes, in_rows
+from .recurrence import in_rows, suits_lanes
 from .sensitivity import field_with_theta, run
 from .simulate import Integrator
 from .statespace import StateSpace
@@ -82,34 +82,28 @@ class Problem(eqx.Module):
         if (
             self.explicit_theta
             and self.integrator == "propagator"
-            and has_lanes(self.system, self.data.inputs.shape[0])
+            and suits_lanes(self.system, self.data.inputs.shape[0])
         ):
             return eqx.tree_at(lambda problem: problem.data, self, self.data.in_lanes())
         return self
 
 
-def searched(problem: Problem, eta: Float[Array, ""], max_iterations: int) -> tuple[optx.Solution, Array]:
-    """The iteration from the start, traced where it is called; and the Jacobian at its end.
-
-    The Jacobian's rows are the readings, then the offsets' priors. `aux` has the predicted temperatures by rows.
-    """
-    laned = problem.in_lanes()
-    solution = search(
+def searched(problem: Problem, eta: Float[Array, ""], max_iterations: int) -> optx.Solution:
+    """The iteration from the start, traced where it is called; its arrays lie as the problem's rows do."""
+    return search(
         lambda y, problem: problem.residual(y),
         jnp.zeros(1 + len(problem.data.offsets)),
-        laned,
+        problem,
         eta=eta,
         lower=jnp.log(LOWEST / problem.start),
         upper=jnp.log(HIGHEST / problem.start),
         max_iterations=max_iterations,
     )
-    predicted, (slopes, of_priors) = solution.aux, solution.stats["jacobian"]
-    if laned.data.has_lanes:
-        rows = problem.data.inputs.shape[0]
-        predicted = in_rows(predicted, rows)
-        slopes = jax.vmap(in_rows, (-1, None), -1)(slopes, rows)
-    jacobian = jnp.concatenate([slopes.reshape(-1, slopes.shape[-1]), of_priors])
-    return eqx.tree_at(lambda found: found.aux, solution, predicted), jacobian
+
+
+def stacked(of_readings: Float[Array, "*readings param"], of_priors: Array) -> Float[Array, "row param"]:
+    """A Jacobian of a row a reading, then one an offset's prior."""
+    return jnp.concatenate([of_readings.reshape(-1, of_readings.shape[-1]), of_priors])
 
 
 # where an estimate takes a millisecond, filter_jit's own time counts
@@ -132,9 +126,13 @@ def fit_experiment(
         start: m2/s.
         eta: the stopping criterion on the diffusivity; its square is that on the cost.
     """
-    problem = Problem(system, data, fourier_per_alpha, start, explicit_theta, integrator)
-    solution, jacobian = searched(problem, eta, max_iterations)
+    problem = Problem(system, data, fourier_per_alpha, start, explicit_theta, integrator).in_lanes()
+    solution = searched(problem, eta, max_iterations)
     stats = solution.stats
+    predicted, (of_readings, of_priors) = solution.aux, stats["jacobian"]
+    if problem.data.has_lanes:
+        rows = data.inputs.shape[0]
+        predicted, of_readings = in_rows(predicted, rows), jax.vmap(in_rows, (-1, None), -1)(of_readings, rows)
     trace = stats["trace"]
     trace = eqx.tree_at(
         lambda t: t.parameters, trace, trace.parameters.at[:, 0].set(start * jnp.exp(trace.parameters[:, 0]))
@@ -142,8 +140,8 @@ def fit_experiment(
     return Fit(
         parameters=solution.value,
         trace=trace,
-        predicted=solution.aux,
-        jacobian=jacobian,
+        predicted=predicted,
+        jacobian=stacked(of_readings, of_priors),
         evaluations=stats["num_steps"],
         converged=solution.result == optx.RESULTS.successful,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -22,6 +22,9 @@ _LANES = 64  # stretches of rows side by side: of fewer, XLA makes single number
 _VERY_SMALL = 12  # states: however many rows there are
 _SMALL = 24, 2**17  # states, and states times rows
 _LONG = 256  # rows from which lanes are long enough
+
+Pair = tuple[Array, Array | None]
+"""Something of the field, and of the sensitivity where it is asked for."""
 
 Stretch = tuple[State, tuple[Array, Array | None]]
 """The state at the last row; u and theta at every row but the first, theta None without the sensitivity."""
@@ -55,7 +58,7 @@ def in_blocks(system: StateSpace, exact: StepMap, state: State, inputs: Float[Ar
 
 
 def is_small(system: StateSpace, rows: int) -> bool:
-    """Whether a diagonal model of few states under few rows is best run by loops that are single kernels."""
+    """Whether a diagonal model is best run by loops that are single kernels: of few states, or of some and few rows."""
     states, work = _SMALL
     fits = system.order <= _VERY_SMALL or (system.order <= states and rows * system.order <= work)
     return fits and system.is_diagonal and has_small_loops()
@@ -66,10 +69,9 @@ def in_loops(
 ) -> tuple[Float[Array, "time output"], Float[Array, "time output"] | None]:
     """u and theta at every row, for a diagonal model that `is_small`: in lanes where its states are not few."""
     rows = inputs.shape[0]
-    if system.order <= _FEW or not has_lanes(system, rows):
+    if system.order <= _FEW or not suits_lanes(system, rows):
         return in_one_loop(system, exact, state, inputs)
-    u, theta = side_by_side(system, exact, state, in_lanes(inputs))
-    return in_rows(u, rows), None if theta is None else in_rows(theta, rows)
+    return jax.tree.map(lambda lanes: in_rows(lanes, rows), side_by_side(system, exact, state, in_lanes(inputs)))
 
 
 def in_one_loop(
@@ -84,7 +86,8 @@ def in_one_loop(
     E_theta, order = exact.E_theta, system.order
     width = -(-order // _VECTOR) * _VECTOR
 
-    def padded(parts: list[Array]) -> Array:
+    def padded(pair: Pair) -> Array:
+        parts = jax.tree.leaves(pair)
         return jnp.concatenate([jnp.pad(part, [(0, width - order)] + [(0, 0)] * (part.ndim - 1)) for part in parts])
 
     def on(z: Array, q: Array) -> tuple[Array, tuple[Array, ...]]:
@@ -95,12 +98,12 @@ def in_one_loop(
         return after, tuple(times(C, part) + times(D, q) for (C, D), part in zip(seen, parts, strict=True))
 
     # an input's column by itself, or the compiler takes it out of the others at every row
-    decay, drive = padded([exact.E] * len(first)), padded(driven).T
+    decay, drive = padded(jax.tree.map(lambda _: exact.E, first)), padded(driven).T
     u, *y = jax.lax.scan(on, padded(first), inputs)[1]
     return u, y[0] if y else None
 
 
-def has_lanes(system: StateSpace, rows: int) -> bool:
+def suits_lanes(system: StateSpace, rows: int) -> bool:
     """Whether a diagonal model is best run `side_by_side` by who takes what comes out as it lies."""
     return rows >= _LONG and is_small(system, rows)
 
@@ -119,61 +122,56 @@ def in_rows(lanes: Float[Array, "step column lane"], rows: int) -> Float[Array, 
 def side_by_side(
     system: StateSpace, exact: StepMap, state: State, inputs: Float[Array, "step input lane"]
 ) -> tuple[Float[Array, "step output lane"], Float[Array, "step output lane"] | None]:
-    """u and theta at every row, all lanes a row on at a time: for a diagonal model that `has_lanes`.
+    """u and theta at every row, all lanes a row on at a time: for a diagonal model that `suits_lanes`.
 
     Each lane goes from rest to its end, the lanes' first states follow from each other, and from these all go once
     more. Twice the steps, but of whole vectors: for whoever can use what comes out as it lies.
     """
     first, driven, seen = _one_row_a_step(system, exact, state, inputs[0, :, 0])
     steps, lanes = inputs.shape[0], inputs.shape[2]
+    E, E_theta = exact.E, exact.E_theta
+    row = replace(exact, E=E[:, None], E_theta=None if E_theta is None else E_theta[:, None])
+    # with the derivative of a power
+    lane = replace(exact, E=E**steps, E_theta=None if E_theta is None else steps * E ** (steps - 1) * E_theta)
 
-    def on(z: tuple[Array, ...], q: Array) -> tuple[Array, ...]:
-        return _step(exact.E[:, None], slope, z, [_as_sum(drive, q) for drive in driven])
+    def on(z: Pair, q: Array) -> Pair:
+        return row.move(z, jax.tree.map(lambda drive: _as_sum(drive, q), driven))
 
-    def onward(z: tuple[Array, ...], end: tuple[Array, ...]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-        return _step(exact.E**steps, whole_slope, z, end), z
+    def seen_at(z: Pair, q: Array) -> tuple[Array, ...]:
+        return tuple(_as_sum(C, part) + _as_sum(D, q) for (C, D), part in zip(seen, jax.tree.leaves(z), strict=True))
 
-    def seen_at(z: tuple[Array, ...], q: Array) -> tuple[Array, ...]:
-        return tuple(_as_sum(C, part) + _as_sum(D, q) for (C, D), part in zip(seen, z, strict=True))
-
-    slope = None if exact.E_theta is None else exact.E_theta[:, None]
-    # the derivative of a power
-    whole_slope = None if exact.E_theta is None else steps * exact.E ** (steps - 1) * exact.E_theta
-    rest = tuple(jnp.zeros((system.order, lanes)) for _ in first)
+    rest = jax.tree.map(lambda part: jnp.zeros((part.shape[0], lanes)), first)
     ends, _ = jax.lax.scan(lambda z, q: (on(z, q), None), rest, inputs)
-    _, firsts = jax.lax.scan(onward, tuple(first), tuple(end.T for end in ends))
-    u, *y = jax.lax.scan(lambda z, q: (on(z, q), seen_at(z, q)), tuple(part.T for part in firsts), inputs)[1]
+    _, firsts = jax.lax.scan(lambda z, end: (lane.move(z, end), z), first, _turned(ends))
+    u, *y = jax.lax.scan(lambda z, q: (on(z, q), seen_at(z, q)), _turned(firsts), inputs)[1]
     return u, y[0] if y else None
+
+
+def _turned(states: Pair) -> Pair:
+    """Lanes of states from states in lanes, or back."""
+    return jax.tree.map(jnp.transpose, states)
 
 
 def _one_row_a_step(
     system: StateSpace, exact: StepMap, state: State, first: Float[Array, " input"]
-) -> tuple[list[Array], list[Array], list[tuple[Array, Array]]]:
+) -> tuple[Pair, Pair, list[tuple[Array, Array]]]:
     """For `z = x - W1 q` and `zeta = theta - V1 q` a step takes one row of inputs,
 
         z_k+1 = E z_k + b q_k,                               b = W0 + E W1
         zeta_k+1 = E zeta_k + E' z_k + b' q_k,               b' = V0 + E V1 + E' W1
 
-    Returns their first values, `b` and `b'`, and what sees them: `(C, D + C W1)` and `(C_theta, C_theta V1)`. The
-    second of each only with the sensitivity.
+    Returns their first values, `b` and `b'` (the second of each None without the sensitivity), and what sees them:
+    `(C, D + C W1)`, with the sensitivity `(C_theta, C_theta V1)` as well.
     """
     # products of matrices as sums, or XLA does not make one kernel of a whole search with this in it
     (x, theta), E = state, exact.E[:, None]
-    start, driven = [x - times(exact.W1, first)], [exact.W0 + E * exact.W1]
+    z, b = x - times(exact.W1, first), exact.W0 + E * exact.W1
     seen = [(system.C, system.D + _as_sum(system.C, exact.W1))]
-    if theta is not None and exact.E_theta is not None and exact.V0 is not None and exact.V1 is not None:
-        start.append(theta - times(exact.V1, first))
-        driven.append(exact.V0 + E * exact.V1 + exact.E_theta[:, None] * exact.W1)
-        seen.append((system.theta_outputs, _as_sum(system.theta_outputs, exact.V1)))
-    return start, driven, seen
-
-
-def _step(E: Array, slope: Array | None, z: tuple[Array, ...], added: Sequence[Array]) -> tuple[Array, ...]:
-    """z, and zeta where it is there, a step later."""
-    moved = [E * part + more for part, more in zip(z, added, strict=True)]
-    if slope is not None and len(z) > 1:
-        moved[1] += slope * z[0]
-    return tuple(moved)
+    if theta is None or exact.E_theta is None or exact.V0 is None or exact.V1 is None:
+        return (z, None), (b, None), seen
+    zeta = theta - times(exact.V1, first)
+    b_theta = exact.V0 + E * exact.V1 + exact.E_theta[:, None] * exact.W1
+    return (z, zeta), (b, b_theta), [*seen, (system.theta_outputs, _as_sum(system.theta_outputs, exact.V1))]
 
 
 def _as_sum(matrix: Float[Array, "out few"], columns: Float[Array, "few column"]) -> Float[Array, "out column"]:

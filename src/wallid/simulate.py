@@ -193,7 +193,7 @@ def propagate_lanes(
     *,
     sensitivity: bool = False,
 ) -> tuple[Outputs, Outputs | None]:
-    """The same numbers for rows in lanes, for a model that `has_lanes`, as part of a compiled function.
+    """The same numbers for rows in lanes, for a model that `suits_lanes`, as part of a compiled function.
 
     Arguments:
         inputs: cut by `recurrence.in_lanes`; what comes out lies as they do.

@@ -15,7 +15,7 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Int
 
 from .experiment import Experiment
-from .least_squares import Problem, searched
+from .least_squares import Problem, searched, stacked
 from .recurrence import is_small
 from .simulate import ArrayLike
 from .statespace import StateSpace, require_x64
@@ -84,8 +84,9 @@ def estimate_walls(
 def _one(arrays: tuple, static: tuple, eta: Float[Array, ""]) -> dict[str, Array]:
     """The numbers of one wall, by the names that `Walls` gives them."""
     system, data, fourier_per_alpha, start = eqx.combine(arrays, static)
-    problem = Problem(system, data, fourier_per_alpha, start, True, "propagator")
-    solution, jacobian = searched(problem, eta, _ITERATIONS)
+    problem = Problem(system, data, fourier_per_alpha, start, True, "propagator").in_lanes()
+    solution = searched(problem, eta, _ITERATIONS)
+    jacobian = stacked(*solution.stats["jacobian"])
     # offsets projected out: what is left of the diffusivity's column when it is cleared of theirs
     own, others = jacobian[:, 0], jacobian[:, 1:].T
     if data.offsets:
