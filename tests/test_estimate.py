@@ -9,7 +9,7 @@ from benchmarks.cases import saint_julien_case, validation_case
 from benchmarks.make_examples import slab_response
 
 import wallid
-from wallid import recurrence
+from wallid import loops
 from wallid.estimate import fit_experiment
 from wallid.least_squares import Problem
 
@@ -197,7 +197,7 @@ def test_a_search_in_lanes_finds_what_one_by_rows_finds(case, reduced, monkeypat
     data = eqx.tree_at(lambda data: (data.weight, data.profile_per_offset), data, (weight, moves))
     per_alpha = jnp.asarray(wallid.scales(case).fourier(1.0))
     start, eta = jnp.asarray(2.1e-7), jnp.asarray(1e-6)
-    monkeypatch.setattr(recurrence, "has_small_loops", lambda: True)
+    monkeypatch.setattr(loops, "has_small_loops", lambda: True)
 
     def found():
         problem = Problem(reduced.system, data, per_alpha, start, True, "propagator")
@@ -209,7 +209,7 @@ def test_a_search_in_lanes_finds_what_one_by_rows_finds(case, reduced, monkeypat
     in_lanes = True
     laned = found()
     in_lanes = False
-    monkeypatch.setattr(recurrence, "_LONG", 10_000)
+    monkeypatch.setattr(loops, "_LONG", 10_000)
     for one, other in zip(laned, found(), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
     assert laned[2].shape == (data.weight.size + len(data.offsets), 1 + len(data.offsets))

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from systems import DAY, LENGTH, POINTS, T_REF, faces, fourier, half_minutes, scipy_field_and_sensitivity, slab
 
 import wallid
-from wallid import recurrence
+from wallid import loops, recurrence
 from wallid._arrays import on_device, part_of
 from wallid._xla import has_small_loops
 from wallid.exponential import phi_functions, step_map
@@ -126,52 +126,57 @@ def test_the_compilation_cache_takes_what_diffrax_steps(solver):
     ("nodes", "sensitivity", "free"),  # order 7 within one vector, 8 filling it, 21 in several
     [(9, True, False), (9, True, True), (9, False, False), (10, True, False), (23, True, False)],
 )
-def test_loops_and_lanes_give_what_blocks_and_lsim_give(nodes, sensitivity, free):
+def test_loops_and_lanes_give_what_blocks_and_lsim_give(monkeypatch, nodes, sensitivity, free):
     system = slab(nodes, degree=2).modal()
+    factor = 2.0 if free else 1.0
     if free:
-        system = replace(system, C_theta=2.0 * system.C)
-    time, inputs = np.arange(150) / 24.0, jnp.asarray(random_walk(150, 2, 6) + 0.3)
+        system = replace(system, C_theta=factor * system.C)
+    time, inputs = np.arange(152) / 24.0, jnp.asarray(random_walk(152, 2, 6) + 0.3)
     initial = jnp.asarray([0.1, 0.5, -0.8])
     exact = step_map(system, jnp.asarray(0.4), jnp.asarray(time[1]), sensitivity=sensitivity)
     x = system.P @ initial
     start = x, jnp.zeros_like(x) if sensitivity else None
-    u, theta = eqx.filter_jit(recurrence.in_one_loop)(system, exact, start, inputs)
-    _, (u_blocks, theta_blocks) = eqx.filter_jit(recurrence.in_blocks)(system, exact, start, inputs)
-    want, want_theta = scipy_field_and_sensitivity(
-        slab(nodes, degree=2), 0.4, time, np.asarray(inputs), np.asarray(initial)
-    )
-    assert_allclose(u, want, atol=1e-12)
-    assert_allclose(u[1:], u_blocks, atol=1e-13)
-    u_lanes, theta_lanes = eqx.filter_jit(recurrence.side_by_side)(system, exact, start, recurrence.in_lanes(inputs))
-    assert_allclose(recurrence.in_rows(u_lanes, len(inputs)), want, atol=1e-12)
-    if not sensitivity:
-        assert theta is None and theta_lanes is None
-    else:
-        assert_allclose(theta, (2.0 if free else 1.0) * want_theta, atol=1e-12)
-        assert_allclose(theta[1:], theta_blocks, atol=1e-13)
-        assert_allclose(recurrence.in_rows(theta_lanes, len(inputs)), (2.0 if free else 1.0) * want_theta, atol=1e-12)
+    want = scipy_field_and_sensitivity(slab(nodes, degree=2), 0.4, time, np.asarray(inputs), np.asarray(initial))
+    monkeypatch.setattr(loops, "_MANY", 4)
+
+    def check(found, from_row=0):
+        rows = from_row + len(found[0])
+        assert_allclose(found[0], want[0][from_row:rows], atol=1e-12)
+        if sensitivity:
+            assert_allclose(found[1], factor * want[1][from_row:rows], atol=1e-12)
+        else:
+            assert found[1] is None
+
+    in_one_loop = eqx.filter_jit(loops.in_one_loop)
+    check(in_one_loop(system, exact, start, inputs, by_row=True))
+    for rows in (4, 149, 150, 151, 152):  # whole steps of some rows, and all that can be left over
+        check(in_one_loop(system, exact, start, inputs[:rows]))
+    check(eqx.filter_jit(recurrence.in_blocks)(system, exact, start, inputs)[1], from_row=1)
+    in_lanes = eqx.filter_jit(loops.side_by_side)(system, exact, start, loops.in_lanes(inputs))
+    check(jax.tree.map(lambda lanes: loops.in_rows(lanes, len(inputs)), in_lanes))
 
 
 @hypothesis.given(rows=st.integers(1, 400), columns=st.integers(1, 4))
 def test_lanes_are_the_rows_one_stretch_after_the_other(rows, columns):
     given = np.arange(1.0, 1.0 + rows * columns).reshape(rows, columns)
-    lanes = np.asarray(recurrence.in_lanes(jnp.asarray(given)))
-    assert np.array_equal(recurrence.in_rows(jnp.asarray(lanes), rows), given)
+    lanes = np.asarray(loops.in_lanes(jnp.asarray(given)))
+    assert np.array_equal(loops.in_rows(jnp.asarray(lanes), rows), given)
     steps = len(lanes)
     assert np.array_equal(lanes[:, :, 0], given[:steps])
     assert lanes.sum() == given.sum()  # zeros past the last row
 
 
-@pytest.mark.parametrize(("nodes", "rows"), [(9, 61), (20, 300)])  # one loop, lanes
-def test_loops_go_through_every_transformation(monkeypatch, nodes, rows):
+@pytest.mark.parametrize("by_row", [True, False])
+def test_loops_go_through_every_transformation(monkeypatch, by_row):
     """Closed over, mapped over models and inputs, forward and reverse, once and twice: nothing that XLA cannot make."""
-    monkeypatch.setattr(recurrence, "has_small_loops", lambda: True)
-    system, inputs = slab(nodes).modal(), jnp.asarray(random_walk(rows, 2, 7))
-    assert recurrence.is_small(system, len(inputs)) and recurrence.is_small(system, 100_000) == (nodes == 9)
-    assert recurrence.suits_lanes(system, len(inputs)) == (rows == 300)
+    monkeypatch.setattr(loops, "has_small_loops", lambda: True)
+    monkeypatch.setattr(loops, "_MANY", 4)
+    system, inputs = slab(9).modal(), jnp.asarray(random_walk(61, 2, 7))
+    assert loops.is_small(system) and not loops.is_small(slab(40).modal())
+    assert loops.suits_lanes(system, 300) and not loops.suits_lanes(system, 61)
 
     def of(fo, q=inputs, model=system):
-        u, theta = wallid.propagate(model, fo, 0.04, q, jnp.zeros(1), sensitivity=True)
+        u, theta = wallid.propagate(model, fo, 0.04, q, jnp.zeros(1), sensitivity=True, by_row=by_row)
         return jnp.sum(u**2) + jnp.sum(theta**3)
 
     fos = jnp.asarray([0.3, 0.5, 0.8])

@@ -16,7 +16,7 @@ from ._columns import FEWEST_ROWS
 from ._units import DAY
 from .case import Case
 from .lom import Output, lom
-from .recurrence import in_lanes
+from .loops import in_lanes
 from .statespace import StateSpace
 from .wall import SIDES, InputError, Scales
 

@@ -26,7 +26,7 @@ from .experiment import Experiment, large_model, scales
 from .gauss_newton import Trace, search
 from .likelihood import HIGHEST, LOWEST
 from .lom import Output
-from .recurrence import in_rows, suits_lanes
+from .loops import in_rows, suits_lanes
 from .sensitivity import field_with_theta, run
 from .simulate import Integrator
 from .statespace import StateSpace

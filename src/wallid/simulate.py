@@ -18,7 +18,8 @@ from jaxtyping import Array, Float, ScalarLike
 from ._arrays import on_device
 from ._programs import compiled
 from .exponential import Exponential, Flow, State, outputs, step_map
-from .recurrence import in_blocks, in_loops, in_turn, is_small, side_by_side
+from .loops import in_one_loop, is_small, side_by_side
+from .recurrence import in_blocks, in_turn
 from .statespace import StateSpace
 
 _STRETCH = 4096  # rows, whole blocks of them
@@ -148,28 +149,33 @@ def propagate(
     initial: Float[ArrayLike, " param"],
     *,
     sensitivity: bool = False,
+    by_row: bool = False,
 ) -> tuple[Outputs, Outputs | None]:
     """The same numbers as `simulate` with the exact solver, for rows `step` (in t_ref) apart.
 
     The exact step is made once; the states of a stretch of rows are kept at a time, so memory does
     not grow with nodes times rows.
 
-    Arguments, Returns, Raises: as in `simulate`.
+    Arguments:
+        by_row: a reduced model is stepped from row to row, also where several rows a step would run faster: for
+            functions that take longer to compile than they ever run.
+
+    Other arguments, Returns, Raises: as in `simulate`.
     """
     arrays = _as_array(fourier), _as_array(step), _as_array(inputs), _as_array(initial)
-    return _propagate(system, *arrays, sensitivity)
+    return _propagate(system, *arrays, sensitivity, by_row)
 
 
 # where a run takes 0.1 ms, filter_jit's own time counts, and so would a check of shapes outside the trace
-@partial(compiled, by=partial(jax.jit, static_argnames="sensitivity"))
+@partial(compiled, by=partial(jax.jit, static_argnames=("sensitivity", "by_row")))
 def _propagate(
-    system: StateSpace, fourier: Array, step: Array, inputs: Array, initial: Array, sensitivity: bool
+    system: StateSpace, fourier: Array, step: Array, inputs: Array, initial: Array, sensitivity: bool, by_row: bool
 ) -> tuple[Outputs, Outputs | None]:
     _check_shapes(system, inputs, initial)
     exact = step_map(system, fourier, step, sensitivity=sensitivity)
     start = _initial_state(system, initial, sensitivity)
-    if is_small(system, inputs.shape[0]):
-        return in_loops(system, exact, start, inputs)
+    if is_small(system):
+        return in_one_loop(system, exact, start, inputs, by_row=by_row)
     pass_through = partial(in_blocks if system.is_diagonal else in_turn, system, exact)
     parts = [jax.tree.map(lambda row: row[None], outputs(system, start, inputs[0]))]
     whole = (inputs.shape[0] - 1) // _STRETCH * _STRETCH
@@ -196,7 +202,7 @@ def propagate_lanes(
     """The same numbers for rows in lanes, for a model that `suits_lanes`, as part of a compiled function.
 
     Arguments:
-        inputs: cut by `recurrence.in_lanes`; what comes out lies as they do.
+        inputs: cut by `loops.in_lanes`; what comes out lies as they do.
     """
     exact = step_map(system, _as_array(fourier), step, sensitivity=sensitivity)
     return side_by_side(system, exact, _initial_state(system, initial, sensitivity), inputs)
@@ -214,11 +220,12 @@ def run_rows(
     initial: Float[ArrayLike, " param"],
     *,
     sensitivity: bool = False,
+    by_row: bool = False,
     integrator: Integrator = "propagator",
 ) -> tuple[Outputs, Outputs | None]:
     """`propagate`, or `simulate` with the exact solver, on rows `step` (in t_ref) apart."""
     if integrator == "propagator":
-        return propagate(system, fourier, step, inputs, initial, sensitivity=sensitivity)
+        return propagate(system, fourier, step, inputs, initial, sensitivity=sensitivity, by_row=by_row)
     time = jnp.asarray(step) * jnp.arange(inputs.shape[0])
     return simulate(system, fourier, time, inputs, initial, sensitivity=sensitivity)
 

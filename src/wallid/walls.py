@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .experiment import Experiment
 from .least_squares import Problem, searched, stacked
-from .recurrence import is_small
+from .loops import is_small
 from .simulate import ArrayLike
 from .statespace import StateSpace, require_x64
 from .sweeps import Sweep, sweep
@@ -77,7 +77,7 @@ def estimate_walls(
     arrays, static = eqx.partition(items, eqx.is_array)
     if chunk is None:
         one = jax.tree.map(lambda leaf: leaf[0], systems)
-        chunk = 1 if is_small(one, data.inputs.shape[1]) else _TOGETHER
+        chunk = 1 if is_small(one) else _TOGETHER
     return Walls(**sweep(_one, arrays, static, jnp.asarray(eta, float), way=way, chunk=chunk, mesh=mesh))
 
 
