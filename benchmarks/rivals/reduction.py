@@ -12,7 +12,7 @@ import wallid
 
 from ..measure import AbsentError
 
-PARTICLES, ITERATIONS, SEED = 50, 100, 0  # the paper's, and a fixed seed
+PARTICLES, ITERATIONS = 50, 100  # the paper's
 SLOWEST, FASTEST = 1.0, 3e4  # poles, per t_ref at Fo = 1
 EVERY = 8  # of the signals' rows count, as in `wallid.variable_projection`
 
@@ -40,7 +40,9 @@ def by_pymor(nodal: wallid.StateSpace, order: int, way: str) -> wallid.StateSpac
     return wallid.StateSpace(A=A, B=B, C=C, D=matrices[3] if D is None else D, P=np.zeros((order, 1)))
 
 
-def by_swarm(lom: wallid.StateSpace, order: int, signals: wallid.Signals, *, eliminated: bool) -> wallid.StateSpace:
+def by_swarm(
+    lom: wallid.StateSpace, order: int, signals: wallid.Signals, *, eliminated: bool, seed: int
+) -> wallid.StateSpace:
     """The paper's particle swarm (50 particles, 100 iterations) on the functional that `wallid.mim` minimises.
 
     **Arguments:** `eliminated`: the swarm searches the poles alone and the outputs' matrix follows by least squares,
@@ -81,7 +83,7 @@ def by_swarm(lom: wallid.StateSpace, order: int, signals: wallid.Signals, *, eli
     swarm_cost = jax.jit(lambda swarm: jax.lax.map(cost, swarm))
     lower = np.concatenate([np.full(order, np.log(SLOWEST)), np.full(0 if eliminated else sensors * order, -2.0)])
     upper = np.concatenate([np.full(order, np.log(FASTEST)), np.full(0 if eliminated else sensors * order, 2.0)])
-    np.random.seed(SEED)  # noqa: NPY002 (pyswarms draws from the global generator)
+    np.random.seed(seed)  # noqa: NPY002 (pyswarms draws from the global generator)
     search = pyswarms.single.GlobalBestPSO(
         PARTICLES, len(lower), {"c1": 1.5, "c2": 1.5, "w": 0.7}, bounds=(lower, upper)
     )
