@@ -40,10 +40,12 @@ def by_pymor(nodal: wallid.StateSpace, order: int, way: str) -> wallid.StateSpac
     return wallid.StateSpace(A=A, B=B, C=C, D=matrices[3] if D is None else D, P=np.zeros((order, 1)))
 
 
-def by_swarm(
-    lom: wallid.StateSpace, order: int, signals: wallid.Signals, *, eliminated: bool, seed: int
-) -> wallid.StateSpace:
+def by_swarms(
+    lom: wallid.StateSpace, order: int, signals: wallid.Signals, *, eliminated: bool, count: int
+) -> list[wallid.StateSpace]:
     """The paper's particle swarm (50 particles, 100 iterations) on the functional that `wallid.mim` minimises.
+
+    One after the other from `count` seeds, a model each.
 
     **Arguments:** `eliminated`: the swarm searches the poles alone and the outputs' matrix follows by least squares,
     which the paper does not do; else it searches poles, inputs and outputs.
@@ -83,12 +85,16 @@ def by_swarm(
     swarm_cost = jax.jit(lambda swarm: jax.lax.map(cost, swarm))
     lower = np.concatenate([np.full(order, np.log(SLOWEST)), np.full(0 if eliminated else sensors * order, -2.0)])
     upper = np.concatenate([np.full(order, np.log(FASTEST)), np.full(0 if eliminated else sensors * order, 2.0)])
-    np.random.seed(seed)  # noqa: NPY002 (pyswarms draws from the global generator)
-    search = pyswarms.single.GlobalBestPSO(
-        PARTICLES, len(lower), {"c1": 1.5, "c2": 1.5, "w": 0.7}, bounds=(lower, upper)
-    )
-    _, best = search.optimize(lambda swarm: np.asarray(swarm_cost(jnp.asarray(swarm))), ITERATIONS, verbose=False)
-    return jax.block_until_ready(system(jnp.asarray(best), target if eliminated else None))
+
+    def found(seed: int) -> wallid.StateSpace:
+        np.random.seed(seed)  # noqa: NPY002 (pyswarms draws from the global generator)
+        search = pyswarms.single.GlobalBestPSO(
+            PARTICLES, len(lower), {"c1": 1.5, "c2": 1.5, "w": 0.7}, bounds=(lower, upper)
+        )
+        _, best = search.optimize(lambda swarm: np.asarray(swarm_cost(jnp.asarray(swarm))), ITERATIONS, verbose=False)
+        return jax.block_until_ready(system(jnp.asarray(best), target if eliminated else None))
+
+    return [found(seed) for seed in range(count)]
 
 
 def _of(f: jax.Array, b: jax.Array, H: jax.Array, D: jax.Array) -> wallid.StateSpace:

@@ -13,7 +13,7 @@ import numpy as np
 import wallid
 
 from ..measure import Prepared
-from ..rivals.reduction import by_pymor, by_swarm
+from ..rivals.reduction import by_pymor, by_swarms
 from .ratio import Asked, Results, error_ratio, within
 
 DAY = 86400.0
@@ -60,18 +60,16 @@ def _projection(order: int) -> Prepared:
     return Prepared(lambda: jax.block_until_ready(wallid.learn_system(modal, order, signals).system), eps_inf)
 
 
-def _swarms(order: int, *, eliminated: bool, seeds: int) -> Prepared:
+def _swarms(order: int, *, eliminated: bool, count: int) -> Prepared:
     """Several swarms that differ by their seed; the median of what they end at."""
     _, modal, signals = _models()
-
-    def run() -> list[wallid.StateSpace]:
-        return [by_swarm(modal, order, signals, eliminated=eliminated, seed=seed) for seed in range(seeds)]
 
     def error(found: list[wallid.StateSpace]) -> dict[str, float]:
         errors = [eps_inf(system) for system in found]
         return {name: float(np.median([each[name] for each in errors])) for name in errors[0]}
 
-    return Prepared(run, error, units=seeds, once=True)
+    run = partial(by_swarms, modal, order, signals, eliminated=eliminated, count=count)
+    return Prepared(run, error, units=count, once=True)
 
 
 def _pymor(order: int, way: str) -> Prepared:
@@ -83,8 +81,8 @@ def _contenders() -> dict[str, Callable[[], Any]]:
     for order in ORDERS:
         found |= {
             f"variable projection, order {order}": partial(_projection, order),
-            f"particle swarm, order {order}": partial(_swarms, order, eliminated=False, seeds=SWARMS),
-            f"particle swarm on the poles alone, order {order}": partial(_swarms, order, eliminated=True, seeds=1),
+            f"particle swarm, order {order}": partial(_swarms, order, eliminated=False, count=SWARMS),
+            f"particle swarm on the poles alone, order {order}": partial(_swarms, order, eliminated=True, count=1),
             f"balanced truncation, order {order}": partial(_pymor, order, "balanced truncation"),
             f"IRKA, order {order}": partial(_pymor, order, "IRKA"),
         }

@@ -109,7 +109,7 @@ def courses(system: StateSpace, signals: Signals, integrator: Integrator) -> tup
     """A model's u and theta in each signal, `(signal, time, output)`."""
 
     def run(fo: Array, q: Array, a: Array) -> tuple[Array, Array | None]:
-        return run_rows(system, fo, signals.step, q, a, sensitivity=True, by_row=True, integrator=integrator)
+        return run_rows(system, fo, signals.step, q, a, sensitivity=True, integrator=integrator)
 
     u, theta = jax.vmap(run)(signals.fourier, signals.inputs, signals.initial)
     assert theta is not None
