@@ -146,7 +146,7 @@ def _maps(
 
 
 def _combined(rows: Float[Array, "few column"], weights: Float[Array, " few"]) -> Float[Array, " column"]:
-    """The weighted sum of some rows."""
+    """The weighted sum of some rows: `times`, with what lies side by side in a row."""
     return sum((rows[k] * weights[k] for k in range(1, rows.shape[0])), rows[0] * weights[0])
 
 
