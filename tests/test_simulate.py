@@ -19,6 +19,7 @@ from wallid import loops, recurrence
 from wallid._arrays import on_device, part_of
 from wallid._xla import has_small_loops
 from wallid.exponential import phi_functions, step_map
+from wallid.simulate import propagate_lanes
 
 
 def phi_by_decimals(z):
@@ -145,11 +146,15 @@ def test_loops_and_lanes_give_what_blocks_and_lsim_give(monkeypatch, nodes, sens
     want = scipy_field_and_sensitivity(slab(nodes, degree=2), 0.4, time, np.asarray(inputs), np.asarray(initial))
     monkeypatch.setattr(loops, "_MANY", 4)
 
-    def check(found, from_row=0):
-        rows = from_row + len(found[0])
-        assert_allclose(found[0], want[0][from_row:rows], atol=1e-12)
+    _, blocks = eqx.filter_jit(recurrence.in_blocks)(system, exact, start, inputs)
+
+    def check(found):
+        rows = len(found[0])
+        assert_allclose(found[0], want[0][:rows], atol=1e-12)
+        assert_allclose(found[0][1:], blocks[0][: rows - 1], atol=1e-13)
         if sensitivity:
-            assert_allclose(found[1], factor * want[1][from_row:rows], atol=1e-12)
+            assert_allclose(found[1], factor * want[1][:rows], atol=1e-12)
+            assert_allclose(found[1][1:], blocks[1][: rows - 1], atol=1e-13)
         else:
             assert found[1] is None
 
@@ -157,7 +162,6 @@ def test_loops_and_lanes_give_what_blocks_and_lsim_give(monkeypatch, nodes, sens
     check(in_one_loop(system, exact, start, inputs, by_row=True))
     for rows in lengths:
         check(in_one_loop(system, exact, start, inputs[:rows]))
-    check(eqx.filter_jit(recurrence.in_blocks)(system, exact, start, inputs)[1], from_row=1)
     in_lanes = eqx.filter_jit(loops.side_by_side)(system, exact, start, loops.in_lanes(inputs))
     check(jax.tree.map(lambda lanes: loops.in_rows(lanes, len(inputs)), in_lanes))
 
@@ -172,17 +176,22 @@ def test_lanes_are_the_rows_one_stretch_after_the_other(rows, columns):
     assert lanes.sum() == given.sum()  # zeros past the last row
 
 
-@pytest.mark.parametrize("by_row", [True, False])
-def test_loops_go_through_every_transformation(monkeypatch, by_row):
+@pytest.mark.parametrize(("way", "nodes", "rows"), [("one row", 9, 61), ("some rows", 9, 61), ("lanes", 20, 300)])
+def test_loops_go_through_every_transformation(monkeypatch, way, nodes, rows):
     """Closed over, mapped over models and inputs, forward and reverse, once and twice: nothing that XLA cannot make."""
     monkeypatch.setattr(loops, "has_small_loops", lambda: True)
     monkeypatch.setattr(loops, "_MANY", 4)
-    system, inputs = slab(9).modal(), jnp.asarray(random_walk(61, 2, 7))
+    system, inputs = slab(nodes).modal(), jnp.asarray(random_walk(rows, 2, 7))
     assert loops.is_small(system) and not loops.is_small(slab(40).modal())
-    assert loops.suits_lanes(system, 300) and not loops.suits_lanes(system, 61)
+    assert loops.suits_lanes(system, len(inputs)) == (rows == 300)
 
     def of(fo, q=inputs, model=system):
-        u, theta = wallid.propagate(model, fo, 0.04, q, jnp.zeros(1), sensitivity=True, by_row=by_row)
+        if way == "lanes":
+            lanes = propagate_lanes(model, fo, jnp.asarray(0.04), loops.in_lanes(q), jnp.zeros(1), sensitivity=True)
+            u, theta = (loops.in_rows(part, len(q)) for part in lanes)
+        else:
+            by_row = way == "one row"
+            u, theta = wallid.propagate(model, fo, 0.04, q, jnp.zeros(1), sensitivity=True, by_row=by_row)
         return jnp.sum(u**2) + jnp.sum(theta**3)
 
     fos = jnp.asarray([0.3, 0.5, 0.8])
