@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ._xla import has_small_loops
 from .exponential import State, StepMap, times
-from .recurrence import lengthened
+from .recurrence import convolution, lengthened
 from .statespace import StateSpace
 
 # as measured
@@ -133,12 +133,10 @@ def _maps(
     length, width = _TOGETHER, b.shape[1]
     power = jnp.stack([E**k for k in range(length + 1)])
     response = power[:-1, :, None] * b  # of z to a unit of input, one row later and on
-    kernel = jnp.sum(C[:, :, None] * response[:-1, None], axis=2)  # of u
-    kernel = jnp.concatenate([jnp.zeros((length - 1, *D.shape)), D[None], kernel])
-    of_inputs = jnp.stack([kernel[length - 1 - row : 2 * length - 1 - row] for row in range(length)])
+    later = jnp.sum(response[:-1, :, :, None] * C.T[:, None], axis=1)  # of u
     drive = [response[rows - 1 :: -1].swapaxes(1, 2).reshape(rows * width, -1) for rows in advances]
     return _Maps(
-        of_inputs=of_inputs.transpose(0, 3, 1, 2).reshape(length * width, -1),
+        of_inputs=convolution(jnp.concatenate([D.T[None], later])),
         of_state=(power[:-1, None] * C).reshape(-1, C.shape[1]).T,
         drive=jnp.stack([lengthened(rows, length * width) for rows in drive]),
         decay=power[np.array(advances)],

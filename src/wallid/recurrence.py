@@ -84,14 +84,19 @@ def _in_blocks(
     to_the_end = response[::-1].swapaxes(1, 2).reshape(length * width, -1)
     first, last = _first_states(power[-1], driving @ to_the_end, x - times(W1, inputs[0]))
 
-    later = np.arange(length) - np.arange(length)[:, None]
-    kernel = jnp.einsum("on,kni->kio", C, response)
-    # driven, seen, input, output
-    convolve = jnp.where((later >= 0)[..., None, None], kernel[np.maximum(later, 0)], 0.0)
-    convolve = convolve.swapaxes(1, 2).reshape(length * width, -1)
+    convolve = convolution(jnp.einsum("on,kni->kio", C, response))
     observe = (power[1:, None] * C).reshape(-1, C.shape[1]).T
     seen = (driving @ convolve + first @ observe).reshape(count * length, -1)[:rows]
     return last + times(W1, inputs[-1]), seen + times(C @ W1, inputs[1:])
+
+
+def convolution(kernel: Float[Array, "row input output"]) -> Float[Array, "row*input row*output"]:
+    """What as many rows of inputs, one after the other, make of the outputs: `kernel` says it of one, row by row."""
+    length, width, _ = kernel.shape
+    later = np.arange(length) - np.arange(length)[:, None]
+    # driven, seen, input, output
+    blocks = jnp.where((later >= 0)[..., None, None], kernel[np.maximum(later, 0)], 0.0)
+    return blocks.swapaxes(1, 2).reshape(length * width, -1)
 
 
 def _first_states(
