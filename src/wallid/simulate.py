@@ -240,7 +240,8 @@ def stable_substeps(system: StateSpace, fourier: float, step: float) -> int:
 
 def _as_array(given: ScalarLike | ArrayLike) -> Array:
     """In float64; what is that already is left alone, which a call of 0.1 ms feels."""
-    return given if isinstance(given, jax.Array) and given.dtype is _FLOAT else jnp.asarray(on_device(given), float)
+    # `==`: once a process has read a pickle, its arrays may have a float64 that is not this one
+    return given if isinstance(given, jax.Array) and given.dtype == _FLOAT else jnp.asarray(on_device(given), float)
 
 
 def _initial_state(system: StateSpace, initial: Float[Array, " param"], sensitivity: bool) -> State:
