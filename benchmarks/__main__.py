@@ -10,16 +10,21 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from .measure import AbsentError, Measured, machine, measure
+from .learned import MODELS
+from .measure import AbsentError, Measured, machine, measuring
 from .table import as_markdown, scaling_figure
 
-TURNS = 3
+TURNS = 15
 WORKS = ("simulate", "sweep", "campaign", "learn", "orders", "estimate", "oed", "walls", "scaling", "cold")
 
 
@@ -32,22 +37,46 @@ def measured(works: list[str], console: Console) -> tuple[dict[str, dict[str, Me
     found: dict[str, dict[str, Measured]] = {work: {} for work in works}
     absent: dict[str, dict[str, str]] = {work: {} for work in works}
     columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
-    with Progress(*columns, console=console, transient=True) as progress:
+    with Progress(*columns, console=console, transient=True) as progress, _shared_models():
         for work in works:
             module = importlib.import_module(f"benchmarks.works.{work}")
+            in_turns = getattr(module, "IN_TURNS", ())
+            alone = [(name,) for name in module.CONTENDERS if name not in in_turns]
             rounds: dict[str, list[Measured]] = {}
-            for name in [*module.CONTENDERS, *getattr(module, "IN_TURNS", ()) * (TURNS - 1)]:
-                if name in absent[work]:
-                    continue
-                task = progress.add_task(f"{work}: {name}", total=None)
-                try:
-                    rounds.setdefault(name, []).append(measure(work, name))
-                except (AbsentError, RuntimeError) as error:
-                    absent[work][name] = str(error)
-                    progress.console.print(f"{work}: {name}: {error}", style="red", markup=False)
-                progress.remove_task(task)
-            found[work] = {name: _middle(of) for name, of in rounds.items() if name not in absent[work]}
+            for names, turns in [(in_turns, TURNS), *((names, 1) for names in alone)]:
+                _take_turns(work, names * turns, rounds, absent[work], progress)
+            found[work] = {name: _middle(rounds[name]) for name in module.CONTENDERS if name not in absent[work]}
     return found, absent
+
+
+def _take_turns(
+    work: str, names: tuple[str, ...], rounds: dict[str, list[Measured]], absent: dict[str, str], progress: Progress
+) -> None:
+    """Measure in this order, a name as often as it is there, and put what is found to `rounds` or `absent`."""
+    with ExitStack() as processes:
+        ask: dict[str, Callable[[], Measured]] = {}
+        for name in names:
+            if name in absent:
+                continue
+            task = progress.add_task(f"{work}: {name}", total=None)
+            try:
+                ask[name] = ask.get(name) or processes.enter_context(measuring(work, name))
+                rounds.setdefault(name, []).append(ask[name]())
+            except (AbsentError, RuntimeError) as error:
+                absent[name] = str(error)
+                progress.console.print(f"{work}: {name}: {error}", style="red", markup=False)
+            progress.remove_task(task)
+
+
+@contextmanager
+def _shared_models() -> Iterator[None]:
+    """A folder for what several contenders start from, as long as they run."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ[MODELS] = folder
+        try:
+            yield
+        finally:
+            del os.environ[MODELS]
 
 
 def _middle(of: list[Measured]) -> Measured:

@@ -2,6 +2,7 @@
 
 A process of its own, since a compilation, a cache or a peak of memory that one contender leaves would be another's gain
 or loss. What a contender must have beforehand (matrices, a record, a learned model) is prepared outside the clock.
+It stays prepared as long as it may be asked again: contenders of a millisecond take turns.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ import platform
 import resource
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -23,6 +26,7 @@ from typing import Any
 import numpy as np
 
 LONGEST, FEWEST, MOST = 2.0, 3, 200  # s of repeated runs; runs
+_ABSENT = 3  # exit status
 PACKAGES = ("wallid", "jax", "jaxlib", "equinox", "diffrax", "optimistix", "numpy", "scipy", "pymor", "pyswarms")
 
 
@@ -88,8 +92,8 @@ def timed(run: Callable[[], Any]) -> tuple[float, Any]:
     return time.perf_counter() - began, answer
 
 
-def measure_here(work: str, contender: str) -> Measured:
-    """Measure in this process: the contender's first call, then its runs until two seconds have gone."""
+def measure_here(work: str, contender: str) -> Iterator[Measured]:
+    """Measure in this process: the contender's first call, then, whenever asked, runs until two seconds have gone."""
     import jax
 
     import wallid
@@ -102,23 +106,25 @@ def measure_here(work: str, contender: str) -> Measured:
     _reset_peak()
     before = _peak()
     first, answer = timed(prepared.run)
-    taken: list[float] = [first] if prepared.once else []
-    worked = time.process_time()
-    while not prepared.once and (len(taken) < FEWEST or (sum(taken) < LONGEST and len(taken) < MOST)):
-        seconds, answer = timed(prepared.run)
-        taken.append(seconds)
-    busy = 1.0 if prepared.once else (time.process_time() - worked) / sum(taken)
-    memory = _peak() - before
-    low, middle, high = np.quantile(taken, [0.25, 0.5, 0.75])
-    error = {name: float(value) for name, value in prepared.error(answer).items()}
-    spread = (float(low), float(high))
-    return Measured(work, contender, float(middle), spread, len(taken), prepared.units, first, memory, busy, error)
+    while True:
+        taken: list[float] = [first] if prepared.once else []
+        worked = time.process_time()
+        while not prepared.once and (len(taken) < FEWEST or (sum(taken) < LONGEST and len(taken) < MOST)):
+            seconds, answer = timed(prepared.run)
+            taken.append(seconds)
+        busy = 1.0 if prepared.once else (time.process_time() - worked) / sum(taken)
+        memory = _peak() - before
+        low, middle, high = np.quantile(taken, [0.25, 0.5, 0.75])
+        error = {name: float(value) for name, value in prepared.error(answer).items()}
+        spread = (float(low), float(high))
+        yield Measured(work, contender, float(middle), spread, len(taken), prepared.units, first, memory, busy, error)
 
 
-def measure(work: str, contender: str) -> Measured:
-    """The same in a fresh process.
+@contextmanager
+def measuring(work: str, contender: str) -> Iterator[Callable[[], Measured]]:
+    """The same in a fresh process, which ends with the context.
 
-    Raises:
+    What is asked raises:
         AbsentError: the contender says that it cannot run here.
         RuntimeError: it failed, with the last of what it said.
     """
@@ -127,14 +133,27 @@ def measure(work: str, contender: str) -> Measured:
     surroundings.pop("JAX_COMPILATION_CACHE_DIR", None)  # a first call is one without a cache
     own = getattr(importlib.import_module(f"benchmarks.works.{work}"), "SURROUNDINGS", {}).get(contender, {})
     surroundings |= {name: value.format(cores=cores()) for name, value in own.items()}
-    done = subprocess.run(command, capture_output=True, text=True, env=surroundings)
-    last = done.stdout.strip().splitlines()[-1:] or [""]
-    if done.returncode == 3:
-        raise AbsentError(last[0])
-    if done.returncode != 0:
-        raise RuntimeError(f"{work}, {contender}: {done.stderr[-2000:]}")
-    found = json.loads(last[0])
-    return Measured(**found | {"quartiles": tuple(found["quartiles"])})
+    pipe = subprocess.PIPE
+    with (
+        tempfile.TemporaryFile("w+", encoding="utf-8") as said,
+        subprocess.Popen(command, bufsize=0, stdin=pipe, stdout=pipe, stderr=said, env=surroundings) as process,
+    ):
+        asks, answers = process.stdin, process.stdout
+        assert asks is not None and answers is not None
+
+        def ask() -> Measured:
+            with suppress(BrokenPipeError):  # it has ended, and `said` knows why
+                asks.write(b"\n")
+            answer = answers.readline().decode()
+            if answer.startswith("{"):
+                found = json.loads(answer)
+                return Measured(**found | {"quartiles": tuple(found["quartiles"])})
+            if process.wait() == _ABSENT:
+                raise AbsentError(answer.strip())
+            said.seek(0)
+            raise RuntimeError(f"{work}, {contender}: {said.read()[-2000:]}")
+
+        yield ask
 
 
 def cores() -> int:
@@ -166,13 +185,15 @@ def machine() -> dict[str, Any]:
 
 
 def main() -> None:
-    """The measuring process: prints its result as JSON."""
+    """The measuring process: prints a result as JSON for every line that it reads."""
     work, contender = sys.argv[1:3]
+    answers, sys.stdout = sys.stdout, sys.stderr  # a rival may print too
     try:
-        print(json.dumps(asdict(measure_here(work, contender))))
+        for _, found in zip(sys.stdin, measure_here(work, contender), strict=False):
+            print(json.dumps(asdict(found)), file=answers, flush=True)
     except AbsentError as absent:
-        print(absent)
-        sys.exit(3)
+        print(absent, file=answers)
+        sys.exit(_ABSENT)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,13 @@
 """The benchmark's own parts: its rivals give the right answer, its tables say what was measured."""
 
 import shutil
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 from benchmarks import __main__ as program
 from benchmarks.__main__ import WORKS
-from benchmarks.measure import AbsentError, Measured
+from benchmarks.measure import FEWEST, AbsentError, Measured, measuring
 from benchmarks.rivals.integrators import by_lsim
 from benchmarks.rivals.recurrence import compiled
 from benchmarks.table import as_markdown, seconds
@@ -92,22 +93,39 @@ def test_the_worst_error_counts():
 
 
 def test_short_contenders_take_turns_and_the_middle_one_counts(monkeypatch):
-    asked, taken = [], {"LOM": [3.0, 9.0, 4.0], "least_squares on lsim": [500.0]}
+    said, taken = [], {"LOM": [3.0, 9.0, 4.0], "least_squares on lsim": [500.0]}
 
+    @contextmanager
     def measuring(work, name):
-        asked.append(name)
-        if name == "MIM 5":
-            raise AbsentError("not here")
-        return measured(work, name, taken[name].pop(0))
+        def ask():
+            said.append(name)
+            if name == "MIM 5":
+                raise AbsentError("not here")
+            return measured(work, name, taken[name].pop(0))
 
-    monkeypatch.setattr(program, "measure", measuring)
+        said.append(f"{name} begins")
+        yield ask
+        said.append(f"{name} ends")
+
+    monkeypatch.setattr(program, "measuring", measuring)
+    monkeypatch.setattr(program, "TURNS", 3)
     found, absent = program.measured(["estimate"], Console(quiet=True))
-    assert asked == ["LOM", "MIM 5", "least_squares on lsim", "LOM", "LOM"]
+    turns = ["LOM begins", "LOM", "MIM 5 begins", "MIM 5", "LOM", "LOM", "MIM 5 ends", "LOM ends"]
+    assert said == [*turns, *(f"least_squares on lsim{what}" for what in (" begins", "", " ends"))]
     assert {name: one.seconds for name, one in found["estimate"].items()} == {
         "LOM": 4.0,
         "least_squares on lsim": 500.0,
     }
     assert absent == {"estimate": {"MIM 5": "not here"}}
+
+
+def test_a_contender_is_measured_in_a_process_of_its_own_as_often_as_it_is_asked():
+    with measuring("scaling", "steps 1000") as ask:
+        once, again = ask(), ask()
+    assert (once.work, once.contender) == (again.work, again.contender) == ("scaling", "steps 1000")
+    assert once.first == again.first and min(once.runs, again.runs) >= FEWEST
+    with measuring("scaling", "steps 1001") as ask, pytest.raises(RuntimeError, match="KeyError: 'steps 1001'"):
+        ask()
 
 
 def test_exponents_of_a_power_law():

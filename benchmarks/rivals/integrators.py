@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.signal import lsim
+from scipy.sparse import csc_matrix
 
 from wallid import StateSpace
 
@@ -40,11 +41,12 @@ def by_lsim(system: StateSpace, time: np.ndarray, inputs: np.ndarray, initial: n
 
 
 def by_bdf(system: StateSpace, time: np.ndarray, inputs: np.ndarray, initial: np.ndarray, longest: float) -> Callable:
-    """`scipy.integrate.solve_ivp`, BDF with the Jacobian given, rtol 1e-6; no step longer than `longest`."""
+    """`scipy.integrate.solve_ivp`, BDF with the Jacobian given, sparse, rtol 1e-6; no step longer than `longest`."""
     sensors, start = system.C.shape[0], _start(system, initial)
 
     def run(fourier: float) -> tuple[np.ndarray, np.ndarray]:
         A, B, C, D = augmented(system, fourier)
+        A = csc_matrix(A)
 
         def rate(t: float, x: np.ndarray) -> np.ndarray:
             return A @ x + B @ np.array([np.interp(t, time, column) for column in inputs.T])

@@ -13,6 +13,7 @@ import numpy as np
 
 import wallid
 
+from ..learned import learned
 from ..measure import Prepared
 from ..rivals.integrators import by_bdf, by_heun, by_lsim
 from ..rivals.recurrence import compiled
@@ -46,13 +47,14 @@ class Direct:
 
     @cached_property
     def reduced(self) -> wallid.StateSpace:
-        return wallid.learn(self.case, self.window, self.order).system
+        return learned(self.case, self.window, self.order)
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Times, inputs, profile."""
         return np.asarray(self.data.time), np.asarray(self.data.inputs), np.asarray(self.data.initial)
 
+    @cached_property
     def reference(self) -> tuple[np.ndarray, np.ndarray]:
         """lsim's answer on the same mesh at the last Fourier number: exact in time by another way."""
         return by_lsim(self.nodal, *self.arrays)(float(self.fouriers[-1]))
@@ -61,7 +63,7 @@ class Direct:
         """Largest differences of u and theta from the reference."""
 
         def of(answer: Any) -> dict[str, float]:
-            want = self.reference()
+            want = self.reference
             u, theta = (np.asarray(part) for part in pick(answer))
             return {"u": np.abs(u - want[0]).max(), "theta": np.abs(theta - want[1]).max()}
 

@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 import wallid
 from wallid.walls import Walls, estimate_walls
 
+from ..learned import learned
 from ..measure import Prepared
 from ..rivals.integrators import by_lsim
 from .ratio import Asked, Results
@@ -52,7 +53,7 @@ def walls(count: int = WALLS) -> tuple[tuple, dict[str, np.ndarray]]:
     """
     case, truth = _case(), _truths(count)
     window = wallid.Window(0, 73)
-    large, rom = wallid.large_model(case).modal(), wallid.learn(case, window, 10).system
+    large, rom = wallid.large_model(case).modal(), learned(case, window, 10)
     blank = wallid.experiment(case, window)
     scale = wallid.scales(case)
     faces = jnp.asarray((np.asarray(case.record.faces) - scale.temperature_min) / scale.temperature)
