@@ -185,6 +185,7 @@ def test_loops_go_through_every_transformation(monkeypatch, way, nodes, rows):
     assert loops.is_small(system) and not loops.is_small(slab(40).modal())
     assert loops.suits_lanes(system, len(inputs)) == (rows == 300)
 
+    @jax.jit
     def of(fo, q=inputs, model=system):
         if way == "lanes":
             lanes = propagate_lanes(model, fo, jnp.asarray(0.04), loops.in_lanes(q), jnp.zeros(1), sensitivity=True)
