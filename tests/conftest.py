@@ -39,7 +39,14 @@ import pytest  # noqa: E402
 hypothesis.settings.register_profile("wallid", deadline=None, derandomize=True, print_blob=True)
 hypothesis.settings.load_profile("wallid")
 
+LONG = {"test_cli", "test_demo", "test_explain", "test_notebooks", "test_simulate"}  # a minute and more each
+
 DATA = Path(os.environ.get("WALLID_DATA", Path(__file__).parents[2] / "shared" / "data"))
+
+
+def pytest_collection_modifyitems(items):
+    """Long files first, so that no worker begins one when the other has nothing left."""
+    items.sort(key=lambda item: item.path.stem not in LONG)
 
 
 @pytest.fixture(scope="module", autouse=True)
