@@ -2,7 +2,8 @@
 
 Without a work all of them, in under 15 minutes on two idle cores. Each contender runs in a process of its own; what is
 printed is the median of its runs after the first, the first call with its compilation apart, its peak memory and its
-error against a reference, then what is asked and whether it is met. The rivals are the extra `bench`.
+error against a reference, then what is asked and whether it is met. What is there so far lies in the folder of results
+after each work. The rivals are the extra `bench`.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -24,48 +26,50 @@ from .learned import MODELS
 from .measure import AbsentError, Measured, machine, measuring
 from .table import as_markdown, scaling_figure
 
-TURNS = 15
+TURNS, TURN, ALONE = 15, 0.2, 2.0  # rounds; seconds of repeated runs in one of them, and of who runs alone
 WORKS = ("simulate", "sweep", "campaign", "learn", "orders", "estimate", "oed", "walls", "scaling", "cold")
 
 
-def measured(works: list[str], console: Console) -> tuple[dict[str, dict[str, Measured]], dict[str, dict[str, str]]]:
-    """Every contender of every work, and why those that are missing are.
+def measured(works: list[str], console: Console) -> Iterator[tuple[str, dict[str, Measured], dict[str, str]]]:
+    """Work after work: its contenders as measured, and why those that are missing are.
 
-    Contenders in a work's `IN_TURNS` are of a millisecond, and what is asked is their ratio: a machine's speed changes
+    Contenders in a work's `IN_TURNS` take milliseconds, and what is asked is their ratio: a machine's speed changes
     meanwhile. They are measured in `TURNS` rounds, and the middle one counts.
     """
-    found: dict[str, dict[str, Measured]] = {work: {} for work in works}
-    absent: dict[str, dict[str, str]] = {work: {} for work in works}
     columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
     with Progress(*columns, console=console, transient=True) as progress, _shared_models():
         for work in works:
             module = importlib.import_module(f"benchmarks.works.{work}")
             in_turns = getattr(module, "IN_TURNS", ())
-            alone = [(name,) for name in module.CONTENDERS if name not in in_turns]
-            rounds: dict[str, list[Measured]] = {}
-            for names, turns in [(in_turns, TURNS), *((names, 1) for names in alone)]:
-                _take_turns(work, names * turns, rounds, absent[work], progress)
-            found[work] = {name: _middle(rounds[name]) for name in module.CONTENDERS if name not in absent[work]}
-    return found, absent
+            rounds, absent = _take_turns(work, in_turns * TURNS, TURN, progress)
+            for name in module.CONTENDERS:
+                if name not in in_turns:
+                    alone = _take_turns(work, (name,), ALONE, progress)
+                    rounds |= alone[0]
+                    absent |= alone[1]
+            yield work, {name: _middle(rounds[name]) for name in module.CONTENDERS if name not in absent}, absent
 
 
 def _take_turns(
-    work: str, names: tuple[str, ...], rounds: dict[str, list[Measured]], absent: dict[str, str], progress: Progress
-) -> None:
-    """Measure in this order, a name as often as it is there, and put what is found to `rounds` or `absent`."""
+    work: str, names: tuple[str, ...], longest: float, progress: Progress
+) -> tuple[dict[str, list[Measured]], dict[str, str]]:
+    """What was measured in this order, a name as often as it is there, and why some are absent."""
+    rounds: dict[str, list[Measured]] = {}
+    absent: dict[str, str] = {}
     with ExitStack() as processes:
-        ask: dict[str, Callable[[], Measured]] = {}
+        measure: dict[str, Callable[[float], Measured]] = {}
         for name in names:
             if name in absent:
                 continue
             task = progress.add_task(f"{work}: {name}", total=None)
             try:
-                ask[name] = ask.get(name) or processes.enter_context(measuring(work, name))
-                rounds.setdefault(name, []).append(ask[name]())
+                measure[name] = measure.get(name) or processes.enter_context(measuring(work, name))
+                rounds.setdefault(name, []).append(measure[name](longest))
             except (AbsentError, RuntimeError) as error:
                 absent[name] = str(error)
                 progress.console.print(f"{work}: {name}: {error}", style="red", markup=False)
             progress.remove_task(task)
+    return rounds, absent
 
 
 @contextmanager
@@ -102,16 +106,22 @@ def main() -> None:
             f"other work is running here (load {ground['load_at_start']:.1f}): times will be too long, ratios unsure",
             style="yellow",
         )
-    found, absent = measured(works, console)
-    chosen.out.mkdir(parents=True, exist_ok=True)
-    text = as_markdown(found, absent, ground)
-    (chosen.out / "results.md").write_text(text, encoding="utf-8")
-    results = {work: [asdict(one) for one in of.values()] for work, of in found.items()}
-    record = {"machine": ground, "results": results, "absent": absent}
-    (chosen.out / "results.json").write_text(json.dumps(record, indent=1), encoding="utf-8")
-    if found.get("scaling"):
-        scaling_figure(found["scaling"], chosen.out / "scaling.png")
+    found, absent, text = {}, {}, ""
+    for work, results, reasons in measured(works, console):
+        found[work], absent[work] = results, reasons
+        text = as_markdown(found, absent, ground)
+        _write(chosen.out, text, found, {"machine": ground, "absent": absent})
     console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def _write(folder: Path, text: str, found: dict[str, dict[str, Measured]], also: dict[str, Any]) -> None:
+    """The tables, all numbers, the figure: what there is so far."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "results.md").write_text(text, encoding="utf-8")
+    results = {work: [asdict(one) for one in of.values()] for work, of in found.items()}
+    (folder / "results.json").write_text(json.dumps(also | {"results": results}, indent=1), encoding="utf-8")
+    if found.get("scaling"):
+        scaling_figure(found["scaling"], folder / "scaling.png")
 
 
 if __name__ == "__main__":

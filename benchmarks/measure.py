@@ -3,6 +3,8 @@
 A process of its own, since a compilation, a cache or a peak of memory that one contender leaves would be another's gain
 or loss. What a contender must have beforehand (matrices, a record, a learned model) is prepared outside the clock.
 It stays prepared as long as it may be asked again: contenders of a millisecond take turns.
+
+The process reads a line for each time that it is asked, of how many seconds its runs may fill, and answers with a line.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-LONGEST, FEWEST, MOST = 2.0, 3, 200  # s of repeated runs; runs
+FEWEST, MOST = 3, 200  # runs
 _ABSENT = 3  # exit status
 PACKAGES = ("wallid", "jax", "jaxlib", "equinox", "diffrax", "optimistix", "numpy", "scipy", "pymor", "pyswarms")
 
@@ -46,11 +48,16 @@ class Prepared:
     error: Callable[[Any], dict[str, float]]
     units: int = 1
     once: bool = False  # so long that the first run is the only one
+    by_children: bool = False  # the work is done by processes that a run starts
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What one contender needed: seconds (a run, of one unit, the first call), MiB above the start, errors."""
+    """What one contender needed: seconds (a run, the first call), MiB above the start, errors.
+
+    `memory` is of the first call and the runs after it, of the largest process where a run starts some, None where the
+    machine does not tell.
+    """
 
     work: str
     contender: str
@@ -59,7 +66,7 @@ class Measured:
     runs: int
     units: int
     first: float
-    memory: float
+    memory: float | None
     busy: float  # cores that a run kept busy
     error: dict[str, float] = field(default_factory=dict)
 
@@ -69,20 +76,28 @@ class Measured:
         return self.seconds / self.units
 
 
-def _peak() -> float:
-    """The process's largest resident memory since it was last reset, MiB."""
-    try:
-        status = Path("/proc/self/status").read_text(encoding="ascii")
-        return float(status.split("VmHWM:")[1].split()[0]) / 1024
-    except (OSError, IndexError):
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+_SELF = Path("/proc/self")
 
 
-def _reset_peak() -> None:
+def _reset_peak() -> float | None:
+    """Have the process's largest resident memory counted anew: what it is now, MiB; None where that cannot be."""
     try:
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+        (_SELF / "clear_refs").write_text("5", encoding="ascii")
     except OSError:
-        return
+        return None
+    return _peak()
+
+
+def _peak() -> float:
+    status = (_SELF / "status").read_text(encoding="ascii")
+    return float(status.split("VmHWM:")[1].split()[0]) / 1024
+
+
+def _peak_of_children() -> float | None:
+    """The largest resident memory of a process that this one started and that has ended, MiB."""
+    if not sys.platform.startswith("linux"):
+        return None  # other systems count in other units
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
 
 
 def timed(run: Callable[[], Any]) -> tuple[float, Any]:
@@ -92,8 +107,8 @@ def timed(run: Callable[[], Any]) -> tuple[float, Any]:
     return time.perf_counter() - began, answer
 
 
-def measure_here(work: str, contender: str) -> Iterator[Measured]:
-    """Measure in this process: the contender's first call, then, whenever asked, runs until two seconds have gone."""
+def prepared_here(work: str, contender: str) -> Callable[[float], Measured]:
+    """Prepare a contender in this process and take its first call; what measures its runs for so many seconds."""
     import jax
 
     import wallid
@@ -103,28 +118,34 @@ def measure_here(work: str, contender: str) -> Iterator[Measured]:
     if contender not in getattr(works, "PLAIN", ()):
         wallid.prepare_xla()  # as the commands do
     prepared: Prepared = works.CONTENDERS[contender]()
-    _reset_peak()
-    before = _peak()
+    before = _reset_peak()
     first, answer = timed(prepared.run)
-    while True:
+    memory: list[float | None] = []  # of the first time: what computes the errors comes after it
+
+    def measure(longest: float) -> Measured:
+        nonlocal answer
         taken: list[float] = [first] if prepared.once else []
         worked = time.process_time()
-        while not prepared.once and (len(taken) < FEWEST or (sum(taken) < LONGEST and len(taken) < MOST)):
+        while not prepared.once and (len(taken) < FEWEST or (sum(taken) < longest and len(taken) < MOST)):
             seconds, answer = timed(prepared.run)
             taken.append(seconds)
         busy = 1.0 if prepared.once else (time.process_time() - worked) / sum(taken)
-        memory = _peak() - before
-        low, middle, high = np.quantile(taken, [0.25, 0.5, 0.75])
+        if not memory:
+            own = None if before is None else _peak() - before
+            memory.append(_peak_of_children() if prepared.by_children else own)
+        low, middle, high = (float(level) for level in np.quantile(taken, [0.25, 0.5, 0.75]))
         error = {name: float(value) for name, value in prepared.error(answer).items()}
-        spread = (float(low), float(high))
-        yield Measured(work, contender, float(middle), spread, len(taken), prepared.units, first, memory, busy, error)
+        runs, units = len(taken), prepared.units
+        return Measured(work, contender, middle, (low, high), runs, units, first, memory[0], busy, error)
+
+    return measure
 
 
 @contextmanager
-def measuring(work: str, contender: str) -> Iterator[Callable[[], Measured]]:
+def measuring(work: str, contender: str) -> Iterator[Callable[[float], Measured]]:
     """The same in a fresh process, which ends with the context.
 
-    What is asked raises:
+    What measures raises:
         AbsentError: the contender says that it cannot run here.
         RuntimeError: it failed, with the last of what it said.
     """
@@ -135,25 +156,30 @@ def measuring(work: str, contender: str) -> Iterator[Callable[[], Measured]]:
     surroundings |= {name: value.format(cores=cores()) for name, value in own.items()}
     pipe = subprocess.PIPE
     with (
-        tempfile.TemporaryFile("w+", encoding="utf-8") as said,
+        tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as said,
         subprocess.Popen(command, bufsize=0, stdin=pipe, stdout=pipe, stderr=said, env=surroundings) as process,
     ):
         asks, answers = process.stdin, process.stdout
         assert asks is not None and answers is not None
 
-        def ask() -> Measured:
+        def measure(longest: float) -> Measured:
             with suppress(BrokenPipeError):  # it has ended, and `said` knows why
-                asks.write(b"\n")
+                asks.write(f"{longest}\n".encode())
             answer = answers.readline().decode()
             if answer.startswith("{"):
                 found = json.loads(answer)
                 return Measured(**found | {"quartiles": tuple(found["quartiles"])})
-            if process.wait() == _ABSENT:
+            status = process.wait()
+            if status == _ABSENT:
                 raise AbsentError(answer.strip())
             said.seek(0)
-            raise RuntimeError(f"{work}, {contender}: {said.read()[-2000:]}")
+            raise RuntimeError(f"{work}, {contender}: {said.read()[-2000:]}\nended with status {status}")
 
-        yield ask
+        try:
+            yield measure
+        except BaseException:  # Ctrl-C among them
+            process.kill()
+            raise
 
 
 def cores() -> int:
@@ -185,16 +211,22 @@ def machine() -> dict[str, Any]:
 
 
 def main() -> None:
-    """The measuring process: prints a result as JSON for every line that it reads."""
+    """The measuring process."""
     work, contender = sys.argv[1:3]
-    answers, sys.stdout = sys.stdout, sys.stderr  # a rival may print too
-    try:
-        for _, found in zip(sys.stdin, measure_here(work, contender), strict=False):
-            print(json.dumps(asdict(found)), file=answers, flush=True)
-    except AbsentError as absent:
-        print(absent, file=answers)
-        sys.exit(_ABSENT)
+    # answers have a way of their own: what else is printed, here or by what a contender starts, is a message
+    with os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8") as answers:
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+        try:
+            measure = prepared_here(work, contender)
+        except AbsentError as absent:
+            print(absent, file=answers)
+            sys.exit(_ABSENT)
+        for longest in sys.stdin:
+            print(json.dumps(asdict(measure(float(longest)))), file=answers, flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    # by its own name: `AbsentError` of `__main__` would be another one than the rivals'
+    from benchmarks.measure import main as measured
+
+    measured()

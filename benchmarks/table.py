@@ -47,7 +47,8 @@ def _row(one: Measured) -> str:
     low, high = (seconds(value / one.units) for value in one.quartiles)
     error = ", ".join(f"{name} {value:.1e}" for name, value in one.error.items()) or "-"
     spread = f"{low} to {high}" if one.runs > 1 else "one run"
-    cells = (one.contender, seconds(one.each), spread, seconds(one.first), f"{max(one.memory, 0):.0f} MiB", error)
+    memory = "-" if one.memory is None else f"{max(one.memory, 0):.0f} MiB"
+    cells = (one.contender, seconds(one.each), spread, seconds(one.first), memory, error)
     return f"| {' | '.join(cells)} |"
 
 

@@ -1,13 +1,19 @@
 """The benchmark's own parts: its rivals give the right answer, its tables say what was measured."""
 
+import json
+import os
 import shutil
+import subprocess
+import sys
 from contextlib import contextmanager
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from benchmarks import __main__ as program
 from benchmarks.__main__ import WORKS
-from benchmarks.measure import FEWEST, AbsentError, Measured, measuring
+from benchmarks.measure import FEWEST, AbsentError, Measured, Prepared, measuring, prepared_here
 from benchmarks.rivals.integrators import by_lsim
 from benchmarks.rivals.recurrence import compiled
 from benchmarks.table import as_markdown, seconds
@@ -97,35 +103,83 @@ def test_short_contenders_take_turns_and_the_middle_one_counts(monkeypatch):
 
     @contextmanager
     def measuring(work, name):
-        def ask():
-            said.append(name)
+        def measure(longest):
+            said.append((name, longest))
             if name == "MIM 5":
                 raise AbsentError("not here")
             return measured(work, name, taken[name].pop(0))
 
         said.append(f"{name} begins")
-        yield ask
+        yield measure
         said.append(f"{name} ends")
 
     monkeypatch.setattr(program, "measuring", measuring)
     monkeypatch.setattr(program, "TURNS", 3)
-    found, absent = program.measured(["estimate"], Console(quiet=True))
-    turns = ["LOM begins", "LOM", "MIM 5 begins", "MIM 5", "LOM", "LOM", "MIM 5 ends", "LOM ends"]
-    assert said == [*turns, *(f"least_squares on lsim{what}" for what in (" begins", "", " ends"))]
-    assert {name: one.seconds for name, one in found["estimate"].items()} == {
-        "LOM": 4.0,
-        "least_squares on lsim": 500.0,
-    }
-    assert absent == {"estimate": {"MIM 5": "not here"}}
+    ((work, found, absent),) = program.measured(["estimate"], Console(quiet=True))
+    turn, alone = program.TURN, program.ALONE
+    assert said == [
+        *("LOM begins", ("LOM", turn), "MIM 5 begins", ("MIM 5", turn), ("LOM", turn), ("LOM", turn)),
+        *("MIM 5 ends", "LOM ends"),
+        *("least_squares on lsim begins", ("least_squares on lsim", alone), "least_squares on lsim ends"),
+    ]
+    assert work == "estimate" and absent == {"MIM 5": "not here"}
+    assert {name: one.seconds for name, one in found.items()} == {"LOM": 4.0, "least_squares on lsim": 500.0}
+
+
+def test_results_are_written_after_each_work(monkeypatch, tmp_path):
+    def measuring(works, console):
+        yield "estimate", {"LOM": measured("estimate", "LOM", 0.002)}, {"MIM 5": "not here"}
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(program, "measured", measuring)
+    monkeypatch.setattr("sys.argv", ["benchmarks", "estimate", "scaling", "--out", str(tmp_path)])
+    with pytest.raises(KeyboardInterrupt):
+        program.main()
+    assert "| LOM | 2 ms |" in (tmp_path / "results.md").read_text(encoding="utf-8")
+    kept = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    assert kept["results"]["estimate"][0]["seconds"] == 0.002 and kept["absent"] == {"estimate": {"MIM 5": "not here"}}
 
 
 def test_a_contender_is_measured_in_a_process_of_its_own_as_often_as_it_is_asked():
-    with measuring("scaling", "steps 1000") as ask:
-        once, again = ask(), ask()
+    with measuring("scaling", "steps 1000") as measure:
+        once, again = measure(0.01), measure(0.0)
     assert (once.work, once.contender) == (again.work, again.contender) == ("scaling", "steps 1000")
-    assert once.first == again.first and min(once.runs, again.runs) >= FEWEST
-    with measuring("scaling", "steps 1001") as ask, pytest.raises(RuntimeError, match="KeyError: 'steps 1001'"):
-        ask()
+    assert once.first == again.first and once.runs >= FEWEST == again.runs
+    with measuring("scaling", "steps 1001") as measure, pytest.raises(RuntimeError, match="KeyError: 'steps 1001'"):
+        measure(0.0)
+
+
+def test_a_rival_that_is_not_installed_is_absent_whatever_it_prints(monkeypatch, tmp_path):
+    (tmp_path / "pymor").mkdir()
+    (tmp_path / "pymor" / "__init__.py").write_text("import os\nos.write(1, b'noise\\n')\nraise ImportError")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    contender = measuring("learn", "balanced truncation, order 5")
+    with contender as measure, pytest.raises(AbsentError, match="pyMOR is not installed"):
+        measure(0.0)
+
+
+def test_an_interrupted_benchmark_leaves_nothing_running(monkeypatch):
+    started = []
+
+    class Recording(subprocess.Popen):
+        def __init__(self, *args, **kwargs):
+            super().__init__(*args, **kwargs)
+            started.append(self)
+
+    monkeypatch.setattr(subprocess, "Popen", Recording)
+    with pytest.raises(KeyboardInterrupt), measuring("campaign", "BDF"):
+        raise KeyboardInterrupt
+    assert started[0].returncode is not None
+
+
+def test_what_computes_the_errors_is_not_counted_as_memory(monkeypatch):
+    """64 MiB, and the work itself next to nothing."""
+    contender = Prepared(lambda: 0.0, lambda answer: {"error": float(np.ones(2**23).min()) - 1.0})
+    fake = SimpleNamespace(CONTENDERS={"one": lambda: contender}, PLAIN=("one",))
+    monkeypatch.setitem(sys.modules, "benchmarks.works.fake", fake)
+    measure = prepared_here("fake", "one")
+    memory = [measure(0.0).memory for _ in range(3)]
+    assert memory == [memory[0]] * 3 and (memory[0] is None or memory[0] < 32)
 
 
 def test_exponents_of_a_power_law():
@@ -146,6 +200,8 @@ def test_the_table_says_what_was_measured_and_what_was_not():
     assert "| exact LOM | 1.23 ms | 1.23 ms to 1.23 ms | 1 s | 10 MiB | u 2.0e-14 |" in text
     assert "| lsim | - | - | - | - | no lsim here |" in text
     assert "not measured" in text
+    untold = {"simulate": {"exact LOM": replace(found["simulate"]["exact LOM"], memory=None)}}
+    assert "| 1 s | - | u 2.0e-14 |" in as_markdown(untold, {}, ground)
 
 
 @pytest.mark.parametrize(("value", "text"), [(2.0, "2 s"), (0.0123, "12.3 ms"), (4.2e-5, "42 µs"), (3e-8, "0.03 µs")])

@@ -30,11 +30,12 @@ def compiled(system: StateSpace, step: float, inputs: np.ndarray, initial: np.nd
     if shutil.which("gcc") is None:
         raise AbsentError("no gcc on this machine")
     order, sensors = system.order, system.C.shape[0]
-    library = Path(tempfile.mkdtemp()) / "recurrence.so"
     source = Path(__file__).with_suffix(".c")
     shape = (f"-DORDER={order}", f"-DSENSORS={sensors}")
-    subprocess.run(["gcc", *FLAGS, *shape, "-shared", "-fPIC", "-o", str(library), str(source)], check=True)
-    function = ctypes.CDLL(str(library)).recurrence
+    with tempfile.TemporaryDirectory() as folder:
+        library = f"{folder}/recurrence.so"
+        subprocess.run(["gcc", *FLAGS, *shape, "-shared", "-fPIC", "-o", library, str(source)], check=True)
+        function = ctypes.CDLL(library).recurrence  # stays in memory when its file is gone
     q = np.ascontiguousarray(inputs)
     start = np.ascontiguousarray(system.P @ initial)
     held: dict[float, list[np.ndarray]] = {}  # or the arrays under the pointers would go

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -40,12 +41,12 @@ def by_pymor(nodal: wallid.StateSpace, order: int, way: str) -> wallid.StateSpac
     return wallid.StateSpace(A=A, B=B, C=C, D=matrices[3] if D is None else D, P=np.zeros((order, 1)))
 
 
-def by_swarms(
-    lom: wallid.StateSpace, order: int, signals: wallid.Signals, *, eliminated: bool, count: int
-) -> list[wallid.StateSpace]:
+def by_swarm(
+    lom: wallid.StateSpace, order: int, signals: wallid.Signals, *, eliminated: bool
+) -> Callable[[int], wallid.StateSpace]:
     """The paper's particle swarm (50 particles, 100 iterations) on the functional that `wallid.mim` minimises.
 
-    One after the other from `count` seeds, a model each.
+    `run(seed)`: the model that it ends at. Its cost is compiled before that.
 
     **Arguments:** `eliminated`: the swarm searches the poles alone and the outputs' matrix follows by least squares,
     which the paper does not do; else it searches poles, inputs and outputs.
@@ -86,15 +87,20 @@ def by_swarms(
     lower = np.concatenate([np.full(order, np.log(SLOWEST)), np.full(0 if eliminated else sensors * order, -2.0)])
     upper = np.concatenate([np.full(order, np.log(FASTEST)), np.full(0 if eliminated else sensors * order, 2.0)])
 
-    def found(seed: int) -> wallid.StateSpace:
+    def model(numbers: np.ndarray) -> wallid.StateSpace:
+        return jax.block_until_ready(system(jnp.asarray(numbers), target if eliminated else None))
+
+    def run(seed: int) -> wallid.StateSpace:
         np.random.seed(seed)  # noqa: NPY002 (pyswarms draws from the global generator)
         search = pyswarms.single.GlobalBestPSO(
             PARTICLES, len(lower), {"c1": 1.5, "c2": 1.5, "w": 0.7}, bounds=(lower, upper)
         )
         _, best = search.optimize(lambda swarm: np.asarray(swarm_cost(jnp.asarray(swarm))), ITERATIONS, verbose=False)
-        return jax.block_until_ready(system(jnp.asarray(best), target if eliminated else None))
+        return model(best)
 
-    return [found(seed) for seed in range(count)]
+    jax.block_until_ready(swarm_cost(jnp.tile(lower, (PARTICLES, 1))))
+    model(lower)
+    return run
 
 
 def _of(f: jax.Array, b: jax.Array, H: jax.Array, D: jax.Array) -> wallid.StateSpace:

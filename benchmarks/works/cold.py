@@ -6,43 +6,32 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
-from pathlib import Path
 
-import numpy as np
-
-from ..measure import Prepared, timed
+from ..measure import Prepared
 from .ratio import Asked, Results, seconds_of
 
 TITLE = "cold start: import, `wallid demo` with its diagnosis in a fresh process, again with a warm cache"
 
 
-def _once(program: str) -> Callable[[], float]:
-    """Seconds of a fresh interpreter that runs a line."""
-    return lambda: timed(lambda: subprocess.run([sys.executable, "-c", program], check=True))[0]
-
-
 def _importing(program: str) -> Prepared:
-    run = _once(program)
+    def run() -> None:
+        subprocess.run([sys.executable, "-c", program], check=True)
+
     run()  # the file system's cache
-
-    def several() -> float:
-        return float(np.median([run() for _ in range(5)]))
-
-    return Prepared(several, lambda seconds: {"median of 5": seconds}, units=5, once=True)
+    return Prepared(run, lambda _: {}, by_children=True)
 
 
 def _demo(*, warm: bool) -> Prepared:
-    folder = Path(tempfile.mkdtemp())
-    surroundings = os.environ | ({"JAX_COMPILATION_CACHE_DIR": str(folder / "cache")} if warm else {})
+    folder = tempfile.TemporaryDirectory()
+    surroundings = os.environ | ({"JAX_COMPILATION_CACHE_DIR": f"{folder.name}/cache"} if warm else {})
 
     def run() -> None:
-        command = [sys.executable, "-m", "wallid.cli", "demo", "--quiet", "--out", str(folder / "out")]
-        subprocess.run(command, check=True, env=surroundings, stdout=subprocess.DEVNULL)
+        command = [sys.executable, "-m", "wallid.cli", "demo", "--quiet", "--out", f"{folder.name}/out"]
+        subprocess.run(command, check=True, env=surroundings)
 
     if warm:
         run()
-    return Prepared(run, lambda _: {}, once=True)
+    return Prepared(run, lambda _: {}, once=True, by_children=True)
 
 
 CONTENDERS = {

@@ -119,5 +119,6 @@ class Direct:
     def limit(self) -> Prepared:
         """The C recurrence of the reduced model."""
         run = compiled(self.reduced, float(self.data.step), *map(np.asarray, (self.data.inputs, self.data.initial)))
+        run(self.fouriers)  # JAX makes its matrices, which are no part of it
         last = self.error(lambda answer: (answer[0][-1], answer[1][-1]))
         return Prepared(lambda: run(self.fouriers), last, units=len(self.fouriers))

@@ -13,7 +13,7 @@ import numpy as np
 import wallid
 
 from ..measure import Prepared
-from ..rivals.reduction import by_pymor, by_swarms
+from ..rivals.reduction import by_pymor, by_swarm
 from .ratio import Asked, Results, error_ratio, within
 
 DAY = 86400.0
@@ -82,8 +82,8 @@ def _swarms(order: int, *, eliminated: bool, count: int) -> Prepared:
         errors = [eps_inf(system) for system in found]
         return {name: float(np.median([each[name] for each in errors])) for name in errors[0]}
 
-    run = partial(by_swarms, modal, order, signals, eliminated=eliminated, count=count)
-    return Prepared(run, error, units=count, once=True)
+    run = by_swarm(modal, order, signals, eliminated=eliminated)
+    return Prepared(lambda: [run(seed) for seed in range(count)], error, units=count, once=True)
 
 
 def _pymor(order: int, way: str) -> Prepared:

@@ -21,7 +21,7 @@ SIZES = {
     "order": (2, 5, 10, 20, 40),
     "sensors": (1, 5, 20, 50),
 }
-NODES, STEPS, ORDER, SENSORS = 100, 10_000, 10, 5  # what stays where another grows
+NODES, STEPS, ORDER, SENSORS = 100, 10_000, 10, 5  # what stays where another grows; nodes with 1,000 rows
 ABOUT = {  # what is asked: no steeper than the work there is
     "nodes": 1.1,  # once the modes are known
     "steps": 1.1,
@@ -67,7 +67,7 @@ CONTENDERS = _contenders()
 
 
 def exponents(results: Results) -> dict[str, float]:
-    """The slope of log time over log size, by least squares through the upper half of the sizes."""
+    """The slope of log time over log size, by least squares through the larger sizes: four of six, three of four."""
     found = {}
     for name, sizes in SIZES.items():
         there = [(size, results[f"{name} {size}"].seconds) for size in sizes if f"{name} {size}" in results]

@@ -37,6 +37,7 @@ CONTENDERS = {
     "loop of lsim": lambda: _direct().lsim(),
     "loop of the C recurrence": lambda: _direct().limit(),
 }
+IN_TURNS = ("MIM 5, vmap", "MIM 5, lax.map", "loop of the C recurrence")
 
 
 def asked(results: Results) -> list[Asked]:
