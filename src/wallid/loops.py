@@ -105,7 +105,8 @@ def _some_rows_a_step(
         after = _moved(z, q, drive[kind], decay[kind], None if mixed is None else mixed[kind])
         return after, tuple(put(whole, part) for whole, part in zip(shown, seen_now, strict=True))
 
-    nothing = tuple(jnp.zeros(rows * outputs) for _ in seen)
+    # of equal numbers XLA would make one array, and a copy of it
+    nothing = tuple(jnp.full(rows * outputs, float(k)) for k in range(len(seen)))
     _, shown = jax.lax.fori_loop(0, -(-rows // length), on, (_padded(jax.tree.leaves(first)), nothing))
     u, *y = (whole.reshape(rows, outputs) for whole in shown)
     return u, y[0] if y else None
@@ -137,7 +138,7 @@ def _maps(
     drive = [response[rows - 1 :: -1].swapaxes(1, 2).reshape(rows * width, -1) for rows in advances]
     return _Maps(
         of_inputs=convolution(jnp.concatenate([D.T[None], later])),
-        of_state=(power[:-1, None] * C).reshape(-1, C.shape[1]).T,
+        of_state=(power[:-1].T[:, :, None] * C.T[:, None]).reshape(C.shape[1], -1),
         drive=jnp.stack([lengthened(rows, length * width) for rows in drive]),
         decay=power[np.array(advances)],
     )
