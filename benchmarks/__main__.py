@@ -44,9 +44,9 @@ def measured(works: list[str], console: Console) -> Iterator[tuple[str, dict[str
             rounds, absent = _take_turns(work, in_turns * TURNS, TURN, progress)
             for name in module.CONTENDERS:
                 if name not in in_turns:
-                    alone = _take_turns(work, (name,), ALONE, progress)
-                    rounds |= alone[0]
-                    absent |= alone[1]
+                    alone, why = _take_turns(work, (name,), ALONE, progress)
+                    rounds |= alone
+                    absent |= why
             yield work, {name: _middle(rounds[name]) for name in module.CONTENDERS if name not in absent}, absent
 
 

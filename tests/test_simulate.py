@@ -155,6 +155,9 @@ def test_loops_and_lanes_give_what_blocks_and_lsim_give(monkeypatch, nodes, sens
     monkeypatch.setattr(loops, "_MANY", 4)
 
     _, blocks = eqx.filter_jit(recurrence.in_blocks)(system, exact, start, inputs)
+    assert_allclose(blocks[0], want[0][1:], atol=1e-12)
+    if sensitivity:
+        assert_allclose(blocks[1], factor * want[1][1:], atol=1e-12)
 
     def check(found):
         rows = len(found[0])

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ._xla import has_small_loops
 from .exponential import State, StepMap, times
-from .recurrence import convolution, lengthened
+from .recurrence import convolution, lengthened, observation, to_the_end
 from .statespace import StateSpace
 
 # as measured
@@ -135,10 +135,10 @@ def _maps(
     power = jnp.stack([E**k for k in range(length + 1)])
     response = power[:-1, :, None] * b  # of z to a unit of input, one row later and on
     later = jnp.sum(response[:-1, :, :, None] * C.T[:, None], axis=1)  # of u
-    drive = [response[rows - 1 :: -1].swapaxes(1, 2).reshape(rows * width, -1) for rows in advances]
+    drive = [to_the_end(response[:rows]) for rows in advances]
     return _Maps(
         of_inputs=convolution(jnp.concatenate([D.T[None], later])),
-        of_state=(power[:-1].T[:, :, None] * C.T[:, None]).reshape(C.shape[1], -1),
+        of_state=observation(C, power[:-1]),
         drive=jnp.stack([lengthened(rows, length * width) for rows in drive]),
         decay=power[np.array(advances)],
     )

@@ -81,12 +81,10 @@ def _in_blocks(
     while power.shape[0] <= length:
         power = jnp.concatenate([power, power[-1] * power[1:]])
     response = power[:-1, :, None] * (W0 + E[:, None] * W1)  # of z to a unit of input, one row later and on
-    to_the_end = response[::-1].swapaxes(1, 2).reshape(length * width, -1)
-    first, last = _first_states(power[-1], driving @ to_the_end, x - times(W1, inputs[0]))
+    first, last = _first_states(power[-1], driving @ to_the_end(response), x - times(W1, inputs[0]))
 
     convolve = convolution(jnp.einsum("on,kni->kio", C, response))
-    observe = (power[1:, None] * C).reshape(-1, C.shape[1]).T
-    seen = (driving @ convolve + first @ observe).reshape(count * length, -1)[:rows]
+    seen = (driving @ convolve + first @ observation(C, power[1:])).reshape(count * length, -1)[:rows]
     return last + times(W1, inputs[-1]), seen + times(C @ W1, inputs[1:])
 
 
@@ -97,6 +95,16 @@ def convolution(kernel: Float[Array, "row input output"]) -> Float[Array, "row*i
     # driven, seen, input, output
     blocks = jnp.where((later >= 0)[..., None, None], kernel[np.maximum(later, 0)], 0.0)
     return blocks.swapaxes(1, 2).reshape(length * width, -1)
+
+
+def observation(C: Float[Array, "output node"], power: Float[Array, "row node"]) -> Float[Array, "node row*output"]:
+    """What a state makes of the outputs at some rows, one after the other, until which it has decayed by `power`."""
+    return (power.T[:, :, None] * C.T[:, None]).reshape(C.shape[1], -1)
+
+
+def to_the_end(response: Float[Array, "row node input"]) -> Float[Array, "row*input node"]:
+    """What as many rows of inputs make of the state after the last: `response` says it of one, row by row."""
+    return response[::-1].swapaxes(1, 2).reshape(-1, response.shape[1])
 
 
 def _first_states(
