@@ -134,7 +134,8 @@ def _maps(
     length, width = _TOGETHER, b.shape[1]
     power = jnp.stack([E**k for k in range(length + 1)])
     response = power[:-1, :, None] * b  # of z to a unit of input, one row later and on
-    later = jnp.sum(response[:-1, :, :, None] * C.T[:, None], axis=1)  # of u
+    # a product, or XLA computes it anew for every place where `convolution` puts it
+    later = jnp.einsum("on,kni->kio", C, response[:-1])  # of u
     drive = [to_the_end(response[:rows]) for rows in advances]
     return _Maps(
         of_inputs=convolution(jnp.concatenate([D.T[None], later])),

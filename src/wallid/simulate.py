@@ -20,7 +20,7 @@ from ._programs import compiled
 from .exponential import Exponential, Flow, State, outputs, step_map
 from .loops import in_one_loop, is_small, side_by_side
 from .recurrence import in_blocks, in_turn
-from .statespace import StateSpace
+from .statespace import StateSpace, matrices_of
 
 _STRETCH = 4096  # rows, whole blocks of them
 _FLOAT = np.dtype(float)
@@ -163,14 +163,22 @@ def propagate(
     Other arguments, Returns, Raises: as in `simulate`.
     """
     arrays = _as_array(fourier), _as_array(step), _as_array(inputs), _as_array(initial)
-    return _propagate(system, *arrays, sensitivity, by_row)
+    return _propagate(matrices_of(system), *arrays, sensitivity, by_row)
 
 
-# where a run takes 0.1 ms, filter_jit's own time counts, and so would a check of shapes outside the trace
+# where a run takes 0.1 ms, what a call costs counts: filter_jit's own time, a Module taken apart by Python, a check of
+# shapes outside the trace
 @partial(compiled, by=partial(jax.jit, static_argnames=("sensitivity", "by_row")))
 def _propagate(
-    system: StateSpace, fourier: Array, step: Array, inputs: Array, initial: Array, sensitivity: bool, by_row: bool
+    matrices: tuple[Array | None, ...],
+    fourier: Array,
+    step: Array,
+    inputs: Array,
+    initial: Array,
+    sensitivity: bool,
+    by_row: bool,
 ) -> tuple[Outputs, Outputs | None]:
+    system = StateSpace.of(matrices)
     _check_shapes(system, inputs, initial)
     exact = step_map(system, fourier, step, sensitivity=sensitivity)
     start = _initial_state(system, initial, sensitivity)

@@ -15,6 +15,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,7 @@ from ._arrays import on_device, part_of
 from ._programs import compiled
 
 _ARRAYS = ("A", "B", "C", "D", "P", "A0", "B0", "C_theta", "capacity")
+_arrays_of = itemgetter(*_ARRAYS)
 _FILE_FORMAT = 1
 
 
@@ -99,6 +102,12 @@ class StateSpace(eqx.Module):
             given = len(getattr(self, name))
             if given != count and not (name == "output_names" and given == 0):
                 raise ValueError(f"StateSpace: {name} has {given} entries for {count}")
+
+    @staticmethod
+    def of(matrices: Sequence[Array | None]) -> StateSpace:
+        """The model of such matrices as `matrices_of` gives, without names, all inputs driven."""
+        arrays: dict[str, Any] = dict(zip(_ARRAYS, matrices, strict=True))
+        return StateSpace(**arrays, driven=(True,) * arrays["B"].shape[1])
 
     @property
     def order(self) -> int:
@@ -209,6 +218,15 @@ class StateSpace(eqx.Module):
             f"StateSpace of {self.order} {kind}, {driven} of {len(self.driven)} inputs driven, "
             f"{self.P.shape[1]} profile coefficients; outputs: {names}"
         )
+
+
+def matrices_of(system: StateSpace) -> tuple[Array | None, ...]:
+    """All arrays of a model, of which `StateSpace.of` makes one again.
+
+    A compiled function takes a tuple apart in a fifth of the time that a Module takes.
+    """
+    # a Module's own way to its attributes takes ten times as long
+    return _arrays_of(object.__getattribute__(system, "__dict__"))
 
 
 @compiled
