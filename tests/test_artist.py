@@ -1,8 +1,11 @@
 """Who draws: here, by a second process, or here after all; the drawings are the same."""
 
 import os
+import subprocess
+import sys
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import active_children
 
 import pytest
 from threadpoolctl import threadpool_info
@@ -91,6 +94,13 @@ def test_no_process_is_started_where_it_is_of_no_use(run, here, monkeypatch, cor
         assert same(drawing.finish(run), here)
 
 
+def test_no_process_is_started_before_there_is_something_to_draw(monkeypatch):
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    before = active_children()
+    with artist(FORMATS, helped=True):
+        assert active_children() == before
+
+
 def test_a_mistake_in_drawing_is_not_hidden(run):
     """Only a process that died is done without; what a figure itself raises is said."""
     failed = Future()
@@ -144,3 +154,17 @@ def test_a_figure_can_be_sent(run):
     for stem, made in of_stages(run):
         copy = pickle.loads(pickle.dumps(made))
         assert render(stem, copy, FORMATS) == render(stem, made, FORMATS)
+
+
+def test_what_is_imported_and_what_is_left_at_the_end_is_not_searched():
+    program = """
+import atexit, gc
+atexit.register(lambda: print(gc.get_freeze_count()))  # runs after what is registered later
+from wallid._collector import leave_what_stays
+leave_what_stays()
+print(gc.get_freeze_count())
+left = [[] for _ in range(10_000)]
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    imported, whole = map(int, ended.stdout.split())
+    assert imported > 100_000 and whole > imported + 5_000

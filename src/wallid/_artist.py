@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING
 
 from threadpoolctl import threadpool_limits
 
+from ._collector import leave_what_stays
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -102,24 +104,19 @@ def artist(formats: Sequence[str], *, helped: bool) -> Iterator[Artist]:
     if not helped or cores < 2:
         yield Artist(formats)
         return
-    # not forked: JAX's threads would hold locks in the copy
-    helper = ProcessPoolExecutor(1, get_context("spawn"), _ignore_interrupts)
+    # not forked: JAX's threads would hold locks in the copy; begun when it is first asked, so not where input is bad
+    helper = ProcessPoolExecutor(1, get_context("spawn"), _prepare)
     try:
-        helper.submit(_wake)  # while there is nothing to draw
         # a core is the helper's: LAPACK's threads would keep it busy with waiting
         import scipy.linalg  # noqa: F401 (its LAPACK is another than NumPy's)
 
         with threadpool_limits(cores - 1, user_api="blas"):
             yield Artist(formats, helper)
     finally:
-        helper.shutdown(wait=False, cancel_futures=True)
+        helper.shutdown(cancel_futures=True)  # waited for, or both end at once, and one finds the other's pipe closed
 
 
-def _ignore_interrupts() -> None:
+def _prepare() -> None:
     """Ctrl-C reaches both processes; the first one ends the second."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def _wake() -> None:
-    """Import what drawing needs."""
-    from . import _drawing  # noqa: F401
+    leave_what_stays()

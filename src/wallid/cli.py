@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import typer
 
 from . import workflow
+from ._collector import leave_what_stays
 from ._command import carry_out, refuse
 from ._options import OUT, CaseArgument, Draws, Formats, Integrator, Json, Model, Orders, Out, Quiet, Weights
 from .record import Format
@@ -273,5 +274,11 @@ def diagnose(
     carry_out(case, None, ("diagnose",), out, json, quiet, formats)
 
 
-if __name__ == "__main__":
+def command() -> None:
+    """`wallid` as a process of its own."""
+    leave_what_stays()
     app()
+
+
+if __name__ == "__main__":
+    command()
