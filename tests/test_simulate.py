@@ -21,6 +21,7 @@ from wallid._arrays import on_device, part_of
 from wallid._xla import has_small_loops
 from wallid.exponential import phi_functions, step_map
 from wallid.simulate import _as_array, propagate_lanes
+from wallid.statespace import StateSpace, matrices_of
 
 
 def phi_by_decimals(z):
@@ -282,6 +283,18 @@ def test_a_wall_in_steady_state_stays_there_without_sensitivity():
     )
     np.testing.assert_allclose(u, np.tile(0.2 + 0.6 * np.array(POINTS) / LENGTH, (50, 1)), atol=1e-13)
     np.testing.assert_allclose(theta, 0.0, atol=1e-13)
+
+
+def test_a_model_goes_through_its_arrays_and_back():
+    """Every array comes to its own place, also where there are more inputs than faces."""
+    shapes = {"A": (4, 4), "B": (4, 3), "C": (2, 4), "D": (2, 3), "P": (4, 1), "A0": (4, 4), "B0": (4, 3)}
+    shapes |= {"C_theta": (2, 4), "capacity": (4,)}
+    given = {name: jnp.full(shape, float(k)) for k, (name, shape) in enumerate(shapes.items())}
+    for absent in ((), ("A0", "C_theta")):
+        kept = {name: value for name, value in given.items() if name not in absent}
+        again = StateSpace.of(matrices_of(StateSpace(**kept, driven=(True, False, True))))
+        for name in given:
+            assert getattr(again, name) is kept.get(name)
 
 
 def lagging(system, tau):
