@@ -1,4 +1,5 @@
 import decimal
+import inspect
 import os
 import pickle
 from dataclasses import replace
@@ -295,6 +296,13 @@ def test_a_model_goes_through_its_arrays_and_back():
         again = StateSpace.of(matrices_of(StateSpace(**kept, driven=(True, False, True))))
         for name in given:
             assert getattr(again, name) is kept.get(name)
+
+
+@pytest.mark.parametrize("other", [wallid.Window(0, 3), np.eye(2)])
+def test_what_is_no_model_is_refused_by_name(other):
+    """By the function itself; in these tests a checker of types would come first."""
+    with pytest.raises(TypeError, match=rf"StateSpace is wanted, not a {type(other).__name__}"):
+        inspect.unwrap(matrices_of)(other)
 
 
 def lagging(system, tau):
