@@ -1,6 +1,7 @@
 """Shared settings: float64, and every shape in a signature checked while the tests run."""
 
 import atexit
+import gc
 import os
 import shutil
 import tempfile
@@ -19,7 +20,9 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # workers and commands under 
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
     atexit.register(shutil.rmtree, compiled, ignore_errors=True)
 
-from jaxtyping import install_import_hook
+gc.set_threshold(20_000, 20, 20)  # what is compiled stays: searching it for cycles was a twentieth of the tests' time
+
+from jaxtyping import install_import_hook  # noqa: E402
 
 SOURCE = Path(find_spec("wallid").origin).parent
 # without a shape the static check of types is enough: at every call the readers' tests took a third longer
