@@ -80,8 +80,9 @@ def examine(folder: Path) -> int:
     Raises:
         AssertionError: something is not as it must be.
     """
-    from wallid import InputError, load, report
-    from wallid.check import check
+    from wallid import InputError, load
+    from wallid.case.record_check import check
+    from wallid.report import writer as report
     from wallid.workflow import Run
 
     try:
@@ -111,7 +112,7 @@ def outcome(folder: Path, command: str) -> int:
     """
     from typer.testing import CliRunner
 
-    from wallid.cli import app
+    from wallid.cli.commands import app
 
     out = folder / "out"
     before = sorted(folder.iterdir())

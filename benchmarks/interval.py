@@ -122,7 +122,7 @@ def best_std(errors: Errors, faces: np.ndarray) -> float:
 def case_of(errors: Errors, faces: np.ndarray, readings: np.ndarray):
     """The record as a case of wallid."""
     import wallid
-    from wallid.case import Choices
+    from wallid.case.case_file import Choices
 
     time = STEP * np.arange(ROWS)
     names = tuple(f"T{s}" for s in range(len(PLACES)))

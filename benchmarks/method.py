@@ -19,8 +19,8 @@ from benchmarks.cases import saint_julien_case, validation_case
 from benchmarks.make_examples import slab_response
 from benchmarks.rivals.integrators import by_lsim
 from benchmarks.works.learn import eps_inf
-from wallid.estimate import fit_experiment
-from wallid.mim import learn_system
+from wallid.estimation.diffusivity import fit_experiment
+from wallid.reduction.modal_identification import learn_system
 
 DAY = 86400.0
 Row = tuple[str, str, str]
@@ -137,7 +137,7 @@ def case_study() -> Iterator[Row]:
 def demo() -> Row:
     """Wall clock of `wallid demo` in a fresh process."""
     with tempfile.TemporaryDirectory() as out:
-        command = [sys.executable, "-m", "wallid.cli", "demo", "--quiet", "--out", out]
+        command = [sys.executable, "-m", "wallid", "demo", "--quiet", "--out", out]
         taken = [seconds(lambda: subprocess.run(command, check=True)) for _ in range(3)]
     return "`wallid demo`, fresh process, wall clock", "60 s", f"{np.median(taken):.0f} s"
 

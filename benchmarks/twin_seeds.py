@@ -10,7 +10,7 @@ import numpy as np
 import wallid
 from benchmarks.cases import saint_julien_case
 from benchmarks.make_examples import TWIN_SEED
-from wallid.metrics import eps_r
+from wallid.models.error_measures import eps_r
 
 TRUTH = 1.06e-6
 OTHERS = range(2010, 2020)

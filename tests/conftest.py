@@ -31,7 +31,7 @@ install_import_hook(
     [".".join(("wallid", *path.relative_to(SOURCE).with_suffix("").parts)) for path in SHAPED], "typechecker.check"
 )
 
-from wallid._xla import prepare_xla  # noqa: E402
+from wallid._internal.xla_options import prepare_xla  # noqa: E402
 
 prepare_xla()  # as the commands do: most of the tests' time is compilation
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from wallid.wall import InputError
+from wallid.case.wall_and_sensors import InputError
 
 
 def refuses(make, *parts):

@@ -7,8 +7,8 @@ import numpy as np
 from benchmarks.discrepancy import truth
 from benchmarks.discrepancy.truth import Spec
 
-from wallid.case import load
-from wallid.discrepancy.study import Slot, study
+from wallid.case.case_file import load
+from wallid.discrepancy.problem import Slot, study
 
 # a wall that forgets how it began within hours: L^2 / (pi^2 alpha) = 1.4 h
 SPEC = Spec(

@@ -18,8 +18,8 @@ from test_cli import write_own
 from typer.testing import CliRunner
 
 import wallid
-from wallid.campaign import mean_of
-from wallid.cli import app
+from wallid.cli.commands import app
+from wallid.estimation.many_windows import mean_of
 
 ROWS, WINDOWS = interval.ROWS, 4
 ERRORS = interval.Errors(0.03, 0.01, position=0.005)

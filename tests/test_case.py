@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from refusals import refuses
 
-import wallid.case
-from wallid.case import Case, Choices, LearningSignal, load, packaged
+from wallid.case import case_file
+from wallid.case.case_definition import Case, LearningSignal
+from wallid.case.case_file import Choices, load, packaged
 
 WALL_PART = """
 [wall]
@@ -253,7 +254,7 @@ def test_a_folder_without_a_case(tmp_path):
 
 
 def test_a_package_without_examples(monkeypatch, tmp_path):
-    monkeypatch.setattr(wallid.case, "_EXAMPLES", tmp_path)
+    monkeypatch.setattr(case_file, "_EXAMPLES", tmp_path)
     assert packaged() == ()
 
 

@@ -10,10 +10,11 @@ from refusals import refuses
 from typer.testing import CliRunner
 
 import wallid
-from wallid.check import check
-from wallid.cli import app
-from wallid.experiment import Window, check_unbroken, diagnosed, experiment, whole
-from wallid.new import Answers, metres, new_case, place
+from wallid.case.record_check import check
+from wallid.case.time_window import Window, check_unbroken, diagnosed, whole
+from wallid.case.wizard import Answers, metres, new_case, place
+from wallid.cli.commands import app
+from wallid.models.window_inputs import experiment
 from wallid.workflow import Run
 
 
@@ -243,7 +244,7 @@ def test_a_mistyped_answer_is_asked_for_again(tmp_path, monkeypatch):
     """At a terminal: what was answered before is kept."""
     from typer.testing import CliRunner
 
-    from wallid import cli
+    from wallid.cli import commands as cli
 
     (tmp_path / "record.csv").write_text(plain_record())
     said = ["40 cms", "0", "40 cm", "T_lft", "T_left", "", "out", "right", "41 cm", "10 cm", "10 cm", "0.2"]
@@ -327,7 +328,7 @@ def test_dates_that_do_not_tell(tmp_path):
 
 
 def test_long_curves_keep_their_extremes():
-    from wallid.plot_record import thinned
+    from wallid.plot.logged_record import thinned
 
     days, values = np.arange(50_000.0), np.sin(np.arange(50_000) / 900)
     values[30_001], values[1000:9000] = 7.0, np.nan

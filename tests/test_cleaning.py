@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refuses
 
-from wallid._screen import spikes, stuck
-from wallid.design import candidate_starts
-from wallid.record import Format, read_record
+from wallid.experiment_design.window_selection import candidate_starts
+from wallid.records.outlier_screening import spikes, stuck
+from wallid.records.uniform_record import Format, read_record
 
 ROWS = 240
 COLUMNS = {"time": "time", "left": "T_left", "right": "T_right", "sensors": ["T1", "T2"]}

@@ -10,7 +10,7 @@ from results import SCHEMA
 from typer.testing import CliRunner
 
 import wallid
-from wallid.cli import app
+from wallid.cli.commands import app
 from wallid.workflow import Run
 
 

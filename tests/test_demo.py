@@ -27,8 +27,7 @@ import sys
 opened = []
 sys.addaudithook(lambda event, args: opened.append(str(args[0])) if event == "open" else None)
 from wallid.cli import app
-import diffrax, optimistix, wallid._programs
-wallid._programs._folder = lambda: None  # traced here, whatever another process has kept
+import diffrax, optimistix
 def told(module, name):
     solve = getattr(module, name)
     def through(*args, **kwargs):

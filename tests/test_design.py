@@ -1,4 +1,3 @@
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -6,7 +5,9 @@ import pytest
 from systems import scipy_field_and_sensitivity
 
 import wallid
-from wallid.experiment import dimensionless_profile, large_model, profile_degree
+from wallid.case.initial_profile import dimensionless_profile, profile_degree
+from wallid.estimation import diffusivity
+from wallid.models.window_inputs import large_model
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +119,7 @@ def test_lengths_hold_criterion_and_cost(case):
 def test_a_short_estimate_is_timed_many_times(monkeypatch, case):
     """Half a millisecond is what else a machine does in between: three runs told of that."""
     ran = []
-    monkeypatch.setattr(sys.modules["wallid.estimate"], "fit_experiment", lambda *given: ran.append(given))
+    monkeypatch.setattr(diffusivity, "fit_experiment", lambda *given: ran.append(given))
     assert 0 <= wallid.seconds_of_estimate(case, wallid.Window(0, 72), large_model(case)) < 0.1
     assert len(ran) == 31
 

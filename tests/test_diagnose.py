@@ -16,17 +16,18 @@ from test_plot import check_complete
 from typer.testing import CliRunner
 
 import wallid
-from wallid import figures, plot, workflow
-from wallid import plot_discrepancy as drawn
-from wallid import plot_remainder as remainder
-from wallid._drawing import draw
-from wallid._numbers import prose
-from wallid._style import contrast
-from wallid.captions import alternative
-from wallid.cli import app
-from wallid.discrepancy.explanation import CHANCE
-from wallid.page import page as page_of
-from wallid.result import result
+from wallid import plot, workflow
+from wallid._internal.number_formats import prose
+from wallid.cli.commands import app
+from wallid.discrepancy.findings import CHANCE
+from wallid.plot import missing_effects as drawn
+from wallid.plot import residuals as remainder
+from wallid.plot.house_style import contrast
+from wallid.report import figures
+from wallid.report.captions import alternative
+from wallid.report.page import page as page_of
+from wallid.report.result_json import result
+from wallid.report.svg import draw
 from wallid.workflow import Run
 
 

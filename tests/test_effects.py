@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from studies import SPEC, prepare, slot_of, vector
 
-from wallid.discrepancy.model import Model, first_order_columns, linearise, predict
-from wallid.effects import (
+from wallid.discrepancy.effects import (
     LIBRARY,
     AirFlow,
     ClockShift,
@@ -50,8 +49,10 @@ from wallid.effects import (
     record_search,
     untestable,
 )
-from wallid.effects.source import hours_course
-from wallid.extended import cells, respond
+from wallid.discrepancy.effects.heat_sources import hours_course
+from wallid.discrepancy.forward import cells
+from wallid.discrepancy.forward.response import respond
+from wallid.discrepancy.model_with_effects import Model, first_order_columns, linearise, predict
 
 REGRESSORS = ("irradiance", "air_outdoor", "air_indoor", "heating", "rain")
 SETTLED = int(DAY / SPEC.step)

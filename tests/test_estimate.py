@@ -9,9 +9,7 @@ from benchmarks.cases import saint_julien_case, validation_case
 from benchmarks.make_examples import slab_response
 
 import wallid
-from wallid import loops
-from wallid.estimate import fit_experiment
-from wallid.least_squares import Problem
+from wallid.estimation.diffusivity import fit_experiment
 
 TRUTH = 5.21e-7
 SEEDS = 30  # `benchmarks.method` takes 50
@@ -185,34 +183,6 @@ def test_an_offset_is_taken_out_of_the_initial_profile_too():
     # with the offset left in the profile the misfit was tens of times the noise
     assert np.median(spreads) < 1.5
     assert np.abs(np.mean(pulls, axis=0)).max() < 1.5
-
-
-@pytest.mark.parametrize("offset_std", [0.0, 0.3])
-def test_a_search_in_lanes_finds_what_one_by_rows_finds(case, reduced, monkeypatch, offset_std):
-    """With readings missing, and with offsets that move the initial profile too."""
-    rng = np.random.default_rng(11)
-    data = wallid.experiment(offset_case(case, 0.1, offset_std), wallid.Window(100, 1000))
-    moves = jnp.asarray(rng.normal(0.0, 0.02, data.profile_per_offset.shape))
-    weight = data.weight * (rng.uniform(size=data.weight.shape) > 0.2)
-    data = eqx.tree_at(lambda data: (data.weight, data.profile_per_offset), data, (weight, moves))
-    per_alpha = jnp.asarray(wallid.scales(case).fourier(1.0))
-    start, eta = jnp.asarray(2.1e-7), jnp.asarray(1e-6)
-    monkeypatch.setattr(loops, "has_small_loops", lambda: True)
-
-    def found():
-        problem = Problem(reduced.system, data, per_alpha, start, True, "propagator")
-        assert problem.in_lanes().data.has_lanes == in_lanes
-        # under a jit of its own: what was compiled in lanes is not taken for rows
-        fit = eqx.filter_jit(lambda data: fit_experiment.__wrapped__(reduced.system, data, per_alpha, start, eta))(data)
-        return fit.parameters, fit.predicted, fit.jacobian, fit.trace.cost
-
-    in_lanes = True
-    laned = found()
-    in_lanes = False
-    monkeypatch.setattr(loops, "_LONG", 10_000)
-    for one, other in zip(laned, found(), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
-    assert laned[2].shape == (data.weight.size + len(data.offsets), 1 + len(data.offsets))
 
 
 def test_offset_covariance_is_that_of_the_marginal_model(case, reduced):

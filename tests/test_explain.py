@@ -7,12 +7,12 @@ import pytest
 from benchmarks.discrepancy.truth import Hidden, Spec, simulate, write_case
 
 import wallid
-from wallid.discrepancy.compare import cost_outside, held_out
-from wallid.discrepancy.explanation import FURTHER, Trial
-from wallid.discrepancy.extend import refit
-from wallid.discrepancy.selection import Selection
-from wallid.discrepancy.words import separation
-from wallid.effects import untestable
+from wallid.discrepancy.cross_validation import cost_outside, held_out
+from wallid.discrepancy.effect_fit import refit
+from wallid.discrepancy.effects import untestable
+from wallid.discrepancy.findings import FURTHER, Trial
+from wallid.discrepancy.stepwise_selection import Selection
+from wallid.discrepancy.summary import separation
 
 pytestmark = pytest.mark.runs_long
 

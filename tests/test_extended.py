@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
-from wallid.effects import (
+from wallid.discrepancy.effects import (
     AirFlow,
     Campaign,
     ClockShift,
@@ -36,7 +36,8 @@ from wallid.effects import (
     UniformSource,
     WettingByRain,
 )
-from wallid.extended import cells, linear_course, readings, respond, start, stepped_course
+from wallid.discrepancy.forward import cells, linear_course, readings, start, stepped_course
+from wallid.discrepancy.forward.response import respond
 
 DAY, HOUR = 86400.0, 3600.0
 L, ALPHA = 0.2, jnp.asarray(8e-7)

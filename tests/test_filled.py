@@ -10,9 +10,9 @@ from benchmarks.slab import temperatures
 from numpy.testing import assert_allclose
 
 import wallid
-from wallid.filled import filled_gaps
-from wallid.likelihood import face_response
-from wallid.noise import Bins, NoiseModel, thinned
+from wallid.inference.gap_covariance import filled_gaps
+from wallid.inference.likelihood import face_response
+from wallid.inference.noise_covariance import Bins, NoiseModel, thinned
 
 ROWS, PLACES, RATE = (
     interval.ROWS,

@@ -19,12 +19,14 @@ from typer.testing import CliRunner
 
 import wallid
 from wallid import plot
-from wallid.case import Choices
-from wallid.cli import app
-from wallid.free import noise_within, untold_rows, whole_model
-from wallid.iso9869 import average_method
-from wallid.reliance import told_range
-from wallid.settle import settle
+from wallid.case.case_file import Choices
+from wallid.cli.commands import app
+from wallid.estimation.iso_9869 import average_method
+from wallid.inference.generalised_least_squares import settle
+from wallid.inference.nuisance_parameters import noise_within
+from wallid.inference.validity import told_range
+from wallid.models.flux_plates import untold_rows
+from wallid.models.plate_model import whole_model
 
 LENGTH, CONDUCTIVITY, CAPACITY = 0.3, 0.75, 1.5e6
 R, C = LENGTH / CONDUCTIVITY, LENGTH * CAPACITY

@@ -5,7 +5,7 @@ import optimistix as optx
 import pytest
 from scipy.optimize import least_squares
 
-from wallid.gauss_newton import GaussNewton
+from wallid.inference.gauss_newton import GaussNewton
 
 
 def solve(residual, *, y0=(0.0, 0.0), eta=1e-12, lower=-20.0, upper=20.0, steps=60):

@@ -17,16 +17,17 @@ from test_cli import write_own
 from typer.testing import CliRunner
 
 import wallid
-from wallid import conclude
-from wallid.cli import app
-from wallid.displaced import faces_elsewhere
-from wallid.experiment import experiment, profile_degree, scales
-from wallid.free import noise_within
-from wallid.lom import Output, lom
-from wallid.noise import NoiseModel, bins_of, thinned
-from wallid.reliance import told_range
-from wallid.sensitivity import run
-from wallid.whittle import dct_spectrum, edge_spectrum
+from wallid.case.initial_profile import profile_degree, scales
+from wallid.cli.commands import app
+from wallid.estimation import conclusion as conclude
+from wallid.inference.noise_covariance import NoiseModel, bins_of, thinned
+from wallid.inference.nuisance_parameters import noise_within
+from wallid.inference.position_errors import faces_elsewhere
+from wallid.inference.validity import told_range
+from wallid.inference.whittle_likelihood import dct_spectrum, edge_spectrum
+from wallid.models.finite_volume_wall import Output, lom
+from wallid.models.sensitivity_equations import run
+from wallid.models.window_inputs import experiment
 
 STATED = {"noise": "stated"}
 

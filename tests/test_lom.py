@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from systems import DAY, LENGTH, faces, fourier, slab
 
 import wallid
-from wallid.lom import grid, lagrange_weights
+from wallid.models.finite_volume_wall import grid, lagrange_weights
 
 OMEGA = 2 * np.pi / (DAY / 2)
 ALPHA = 5.21e-7

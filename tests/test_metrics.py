@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from wallid.metrics import eps_2, eps_inf, eps_r
+from wallid.models.error_measures import eps_2, eps_inf, eps_r
 
 
 def test_the_papers_errors_by_hand():

@@ -6,8 +6,9 @@ import pytest
 from systems import faces, fourier, half_minutes, learned_courses, paper_signals, slab, unlearned_course
 
 import wallid
-from wallid.mim import _start
-from wallid.variable_projection import courses, left_over, setting_of
+from wallid.reduction import modal_identification
+from wallid.reduction.modal_identification import _start
+from wallid.reduction.variable_projection import courses, left_over, setting_of
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +18,7 @@ def large():
 
 @pytest.fixture(scope="module")
 def learned(large):
-    return {order: wallid.mim.learn_system(large, order, paper_signals()) for order in (5, 10)}
+    return {order: modal_identification.learn_system(large, order, paper_signals()) for order in (5, 10)}
 
 
 def largest_errors(large, reduced, course):
@@ -64,7 +65,7 @@ def test_explicit_theta_equals_autodiff_of_the_reduced_model(learned):
 
 
 def test_a_free_h_theta_fits_the_learning_signals_no_worse(large, learned):
-    free = wallid.mim.learn_system(large, 5, paper_signals(), tied=False)
+    free = modal_identification.learn_system(large, 5, paper_signals(), tied=False)
     assert free.system.C_theta is not None
     assert free.eps_2[0] <= 1.5 * learned[5].eps_2[0] and free.eps_2[1] <= 1.1 * learned[5].eps_2[1]
 
@@ -89,7 +90,7 @@ def wall_large():
 
 def test_it_carries_the_initial_state(wall_large):
     """Any profile, any level, both faces: a run that learning never saw, at a diffusivity it never saw."""
-    reduced = wallid.mim.learn_system(wall_large, 10, both_faces(2)).system
+    reduced = modal_identification.learn_system(wall_large, 10, both_faces(2)).system
     assert reduced.driven == (True, True)
     rng = np.random.default_rng(0)
     inputs = np.cumsum(rng.normal(0, 0.02, (200, 2)), axis=0) + np.array([0.8, 0.3])
@@ -103,7 +104,7 @@ def test_it_carries_the_initial_state(wall_large):
 
 def test_it_is_exact_at_rest_whatever_the_level(wall_large):
     """Constants and straight lines are steady states of both models."""
-    reduced = wallid.mim.learn_system(wall_large, 6, both_faces(2)).system
+    reduced = modal_identification.learn_system(wall_large, 6, both_faces(2)).system
     u, theta = wallid.propagate(
         reduced, 1.0, 0.05, faces(np.full(30, 40.0), 43.0), jnp.asarray([40.0, 3.0, 0.0]), sensitivity=True
     )
@@ -121,14 +122,14 @@ def test_the_layered_wall_learns_its_straight_line_too():
     large = slab(61, length=0.43, points=(0.05, 0.23, 0.40), degree=1, layers=layers).modal()
     signals = both_faces(1)
     with pytest.raises(ValueError, match="profile of degree 1"):
-        wallid.mim.learn_system(large, 6, signals)
+        modal_identification.learn_system(large, 6, signals)
     line = wallid.Signals(
         jnp.concatenate([signals.fourier, signals.fourier[:1]]),
         signals.step,
         jnp.concatenate([signals.inputs, jnp.asarray(faces(np.zeros(73), 1.0))[None]]),
         jnp.concatenate([signals.initial, jnp.asarray([[0.0, 1.0]])]),
     )
-    reduced = wallid.mim.learn_system(large, 10, line).system
+    reduced = modal_identification.learn_system(large, 10, line).system
     u, v = (
         wallid.propagate(s, 0.4, 1 / 24.0, faces(np.zeros(73), 1.0), jnp.asarray([0.0, 1.0]))[0]
         for s in (large, reduced)
@@ -157,8 +158,8 @@ def test_the_residuals_derivative_is_exact(wall_large):
 
 
 def test_orders_learned_together_are_those_learned_alone_and_compile_once(large, learned, monkeypatch):
-    once = eqx.filter_jit(eqx.debug.assert_max_traces(wallid.mim._search.__wrapped__, max_traces=1))
-    monkeypatch.setattr(wallid.mim, "_search", once)
+    once = eqx.filter_jit(eqx.debug.assert_max_traces(modal_identification._search.__wrapped__, max_traces=1))
+    monkeypatch.setattr(modal_identification, "_search", once)
     third, fifth = wallid.sweep_orders(large, (3, 5), paper_signals())
     assert (third.system.order, fifth.system.order) == (3, 5)
     assert third.eps_inf[0] > fifth.eps_inf[0]
@@ -199,18 +200,18 @@ def test_auto_order_stops_where_more_does_not_matter(large):
 @pytest.mark.parametrize("order", [0, 74])
 def test_impossible_orders_are_refused(large, order):
     with pytest.raises(ValueError, match="order"):
-        wallid.mim.learn_system(large, order, paper_signals())
+        modal_identification.learn_system(large, order, paper_signals())
 
 
 def test_signals_that_move_nothing_are_refused(large):
     still = wallid.Signals(fourier([5e-7]), 0.01, np.zeros((1, 20, 2)), np.zeros((1, 1)))
     with pytest.raises(ValueError, match="nothing to learn from"):
-        wallid.mim.learn_system(large, 3, still)
+        modal_identification.learn_system(large, 3, still)
 
 
 def test_a_constant_face_that_does_not_meet_the_start_is_a_step_to_learn_from(large):
     step = wallid.Signals(fourier([3e-7, 6e-7]), 0.01, np.stack([faces(np.ones(100))] * 2), np.zeros((2, 1)))
-    assert wallid.mim.learn_system(large, 3, step).system.driven == (True, False)
+    assert modal_identification.learn_system(large, 3, step).system.driven == (True, False)
 
 
 def test_auto_order_passes_its_choices_on(large):

@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 from scipy.linalg import toeplitz
 from studies import SPEC, prepare, vector
 
-from wallid.discrepancy.model import Bins, predict
-from wallid.discrepancy.noise import Noise, NoiseModel, estimate_noise
+from wallid.discrepancy.model_with_effects import Bins, predict
+from wallid.discrepancy.residual_noise import Noise, NoiseModel, estimate_noise
 
 HOURLY = replace(
     SPEC, step=3600.0, days=12.0, positions=(0.04, 0.13), noise_std=0.05, boundary_noise_std=0.08, noise_seed=3

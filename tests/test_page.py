@@ -13,18 +13,23 @@ import pytest
 from pages import check, drawings
 
 import wallid
-from wallid import captions, plot, report, workflow
-from wallid._drawing import draw
-from wallid._numbers import number, prose, quantity
-from wallid._settings import settings
-from wallid._style import KEEP
-from wallid._tables import tables
-from wallid.captions import alternative, caption
-from wallid.estimated import Estimate
-from wallid.experiment import Window, fit_profile, large_model
-from wallid.figures import STEMS, encode
-from wallid.mim import Learned
-from wallid.page import answer, page
+from wallid import plot, workflow
+from wallid._internal.number_formats import number, prose, quantity
+from wallid.case.initial_profile import fit_profile
+from wallid.case.record_check import check as check_record
+from wallid.case.time_window import Window
+from wallid.estimation.result_objects import Estimate
+from wallid.models.window_inputs import large_model
+from wallid.plot.house_style import KEEP
+from wallid.reduction.modal_identification import Learned
+from wallid.report import captions
+from wallid.report import writer as report
+from wallid.report.captions import alternative, caption
+from wallid.report.figures import STEMS, encode
+from wallid.report.page import answer, page
+from wallid.report.settings import settings
+from wallid.report.svg import draw
+from wallid.report.tables import tables
 from wallid.workflow import Run
 
 
@@ -211,7 +216,7 @@ def test_only_what_is_shown_is_told(run, fit):
     assert "shaded" not in alternative("record", run) and "band" not in caption("record", run)
     found = Run(run.case, fit=fit)
     assert "shaded" in alternative("record", found) and "yellow band" in caption("record", found)
-    checked = Run(run.case, check=wallid.check.check(run.case))
+    checked = Run(run.case, check=check_record(run.case))
     assert "orange where a face was interpolated" in caption("record", checked)
     learned = Learned(large_model(run.case), (1e-4, 2e-3), (1e-3, 2e-2), 1.0, 1)
     assert "order 99: 1.0 × 10⁻³ (temperature), 2.0 × 10⁻² (sensitivity)" in alternative(
@@ -255,7 +260,7 @@ def test_another_commands_report_is_kept_and_linked(run, tmp_path):
 
 def test_every_figure_has_its_caption_and_its_place_on_the_page():
     assert set(captions._CAPTIONS) == set(STEMS)
-    template = resources.files("wallid").joinpath("templates/report.html").read_text("utf-8")
+    template = resources.files("wallid.report").joinpath("templates/report.html").read_text("utf-8")
     assert {stem for stem in STEMS if f'picture("{stem}")' in template} == set(STEMS)
 
 

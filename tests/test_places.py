@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose
 from scipy.linalg import block_diag, toeplitz
 
 import wallid
-from wallid.case import Choices
-from wallid.free import noise_within
-from wallid.information import merit, size
+from wallid.case.case_file import Choices
+from wallid.experiment_design.fisher_information import merit, size
+from wallid.inference.nuisance_parameters import noise_within
 
 LENGTH, ALPHA, STEP, ROWS, MODES = 0.4, 7e-7, 3600.0, 72, 8
 THERE, CANDIDATES = (0.08, 0.31), (0.06, 0.15, 0.2, 0.25, 0.34)

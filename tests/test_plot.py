@@ -12,16 +12,18 @@ import pytest
 from matplotlib.colors import to_rgb
 
 import wallid
-from wallid import _style, plot
-from wallid._legend import shortened
-from wallid.design import Design
-from wallid.estimated import Estimate
-from wallid.experiment import Window, fit_profile
-from wallid.lengths import Lengths
-from wallid.reliability import Loads, Reliability
-from wallid.sampling import Sampling
-from wallid.thermal import Thermal
-from wallid.wall import Layer
+from wallid import plot
+from wallid.case.initial_profile import fit_profile
+from wallid.case.time_window import Window
+from wallid.case.wall_and_sensors import Layer
+from wallid.estimation.heat_flux import Thermal
+from wallid.estimation.prediction import Loads, Reliability
+from wallid.estimation.result_objects import Estimate
+from wallid.experiment_design.sampling_step import Sampling
+from wallid.experiment_design.window_lengths import Lengths
+from wallid.experiment_design.window_selection import Design
+from wallid.plot import house_style as _style
+from wallid.plot.legends import shortened
 
 LONG = "north_facade_inner_thermocouple_3b"
 MARKS = {name: getattr(plot, name) for name in ("BLUE", "ORANGE", "GREEN", "PURPLE", "SKY", "RED", "GREY")}
@@ -68,7 +70,7 @@ def _contrast(one, other):
 
 def test_lines_and_marks_stand_out_on_white_and_on_the_dark_page():
     """WCAG 2.2, 1.4.11: 3:1; the page has a lighter grey of its own where it is dark."""
-    template = resources.files("wallid").joinpath("templates/report.html").read_text("utf-8")
+    template = resources.files("wallid.report").joinpath("templates/report.html").read_text("utf-8")
     white, dark = re.findall(r"--paper: (#\w{6})", template)
     assert _style.contrast("black", "white") == pytest.approx(21.0)
     for name, tint in MARKS.items():

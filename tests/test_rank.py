@@ -12,12 +12,12 @@ from numpy.testing import assert_allclose
 from scipy.stats import kstest
 from studies import SPEC, prepare, slot_of, trimmed
 
-from wallid.discrepancy.compare import compare, held_out, windows
-from wallid.discrepancy.extend import refit
-from wallid.discrepancy.locate import chance, locate
-from wallid.discrepancy.noise import NoiseModel
-from wallid.discrepancy.rank import Candidate, Outlook, look, screen
-from wallid.discrepancy.study import Study
+from wallid.discrepancy.cross_validation import compare, held_out, windows
+from wallid.discrepancy.effect_fit import refit
+from wallid.discrepancy.problem import Study
+from wallid.discrepancy.residual_noise import NoiseModel
+from wallid.discrepancy.residual_tests import chance, locate
+from wallid.discrepancy.score_test import Candidate, Outlook, look, screen
 
 OFFSET = 0.25
 HOURLY = replace(

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refuses
 
-from wallid.record import REGRESSORS, Format, read_record
+from wallid.records.uniform_record import REGRESSORS, Format, read_record
 
 ROWS = 48
 COLUMNS = {"time": "time", "left": "T_left", "right": "T_right", "sensors": ["T1", "T2"]}

@@ -5,8 +5,8 @@ import pytest
 from systems import scipy_field_and_sensitivity
 
 import wallid
-from wallid.estimate import paper_sigma
-from wallid.experiment import dimensionless_profile
+from wallid.case.initial_profile import dimensionless_profile
+from wallid.estimation.diffusivity import paper_sigma
 
 
 @pytest.fixture(scope="module")

@@ -17,12 +17,14 @@ from numpy.testing import assert_allclose
 from systems import DAY, LENGTH, POINTS, T_REF, faces, fourier, half_minutes, scipy_field_and_sensitivity, slab
 
 import wallid
-from wallid import loops, recurrence
-from wallid._arrays import on_device, part_of
-from wallid._xla import has_small_loops
-from wallid.exponential import phi_functions, step_map
-from wallid.simulate import _as_array, propagate_lanes
-from wallid.statespace import StateSpace, matrices_of
+from wallid._internal.arrays import on_device, part_of
+from wallid._internal.xla_options import has_small_loops
+from wallid.models.exponential_solver import phi_functions, step_map
+from wallid.models.integration import _as_array
+from wallid.models.recurrence import single_kernel
+from wallid.models.recurrence.blocks import in_blocks
+from wallid.models.recurrence.row_by_row import run_row_by_row
+from wallid.models.state_space import StateSpace
 
 
 def phi_by_decimals(z):
@@ -137,7 +139,7 @@ def test_the_compilation_cache_takes_what_diffrax_steps(solver):
     ("nodes", "sensitivity", "free"),  # order 7 within one vector, 8 filling it, 21 in several
     [(9, True, False), (9, True, True), (9, False, False), (10, True, False), (23, True, False)],
 )
-def test_loops_and_lanes_give_what_blocks_and_lsim_give(monkeypatch, nodes, sensitivity, free):
+def test_every_recurrence_gives_what_lsim_gives(nodes, sensitivity, free):
     system = slab(nodes, degree=2).modal()
     factor = 2.0 if free else 1.0
     if free:
@@ -148,62 +150,34 @@ def test_loops_and_lanes_give_what_blocks_and_lsim_give(monkeypatch, nodes, sens
     x = system.P @ initial
     start = x, jnp.zeros_like(x) if sensitivity else None
     want = scipy_field_and_sensitivity(slab(nodes, degree=2), 0.4, time, np.asarray(inputs), np.asarray(initial))
-    monkeypatch.setattr(loops, "_MANY", 4)
 
-    _, blocks = eqx.filter_jit(recurrence.in_blocks)(system, exact, start, inputs)
-    assert_allclose(blocks[0], want[0][1:], atol=1e-12)
+    _, by_row = eqx.filter_jit(run_row_by_row)(system, exact, start, inputs)  # the plain reference
+    assert_allclose(by_row[0], want[0][1:], atol=1e-12)
     if sensitivity:
-        assert_allclose(blocks[1], factor * want[1][1:], atol=1e-12)
+        assert_allclose(by_row[1], factor * want[1][1:], atol=1e-12)
 
-    def check(found):
-        rows = len(found[0])
-        assert_allclose(found[0], want[0][:rows], atol=1e-12)
-        assert_allclose(found[0][1:], blocks[0][: rows - 1], atol=1e-13)
-        if sensitivity:
-            assert_allclose(found[1], factor * want[1][:rows], atol=1e-12)
-            assert_allclose(found[1][1:], blocks[1][: rows - 1], atol=1e-13)
-        else:
-            assert found[1] is None
-
-    in_one_loop = eqx.filter_jit(loops.in_one_loop)
-    check(in_one_loop(system, exact, start, inputs, by_row=True))
-    monkeypatch.setattr(loops, "_one_row_a_step", None)
-    for rows in (4, 149, 150, 151, 152):  # whole steps of some rows, and all that can be left over
-        check(in_one_loop(system, exact, start, inputs[:rows]))
-    in_lanes = eqx.filter_jit(loops.side_by_side)(system, exact, start, loops.in_lanes(inputs))
-    check(jax.tree.map(lambda lanes: loops.in_rows(lanes, len(inputs)), in_lanes))
+    _, blocks = eqx.filter_jit(in_blocks)(system, exact, start, inputs)
+    kernel = eqx.filter_jit(single_kernel.run_in_one_kernel)(system, exact, start, inputs)
+    assert_allclose(blocks[0], by_row[0], atol=1e-13)
+    assert_allclose(kernel[0][1:], by_row[0], atol=1e-13)
+    assert_allclose(kernel[0][0], want[0][0], atol=1e-12)
+    if sensitivity:
+        assert_allclose(blocks[1], by_row[1], atol=1e-13)
+        assert_allclose(kernel[1][1:], by_row[1], atol=1e-13)
+    else:
+        assert blocks[1] is None and kernel[1] is None
 
 
-@hypothesis.given(rows=st.integers(1, 400), columns=st.integers(1, 4))
-def test_lanes_are_the_rows_one_stretch_after_the_other(rows, columns):
-    given = np.arange(1.0, 1.0 + rows * columns).reshape(rows, columns)
-    lanes = np.asarray(loops.in_lanes(jnp.asarray(given)))
-    assert np.array_equal(loops.in_rows(jnp.asarray(lanes), rows), given)
-    steps = len(lanes)
-    assert np.array_equal(lanes[:, :, 0], given[:steps])
-    assert lanes.sum() == given.sum()  # zeros past the last row
-
-
-@pytest.mark.parametrize(("way", "nodes", "rows"), [("one row", 9, 61), ("some rows", 9, 61), ("lanes", 20, 300)])
-def test_loops_go_through_every_transformation(monkeypatch, way, nodes, rows):
+@pytest.mark.parametrize(("nodes", "rows"), [(9, 61), (20, 300)])
+def test_the_single_kernel_goes_through_every_transformation(monkeypatch, nodes, rows):
     """Closed over, mapped over models and inputs, forward and reverse, once and twice: nothing that XLA cannot make."""
-    monkeypatch.setattr(loops, "has_small_loops", lambda: True)
-    monkeypatch.setattr(loops, "_MANY", 4)
-    avoided = {"one row": "_some_rows_a_step", "some rows": "_one_row_a_step"}.get(way)
-    if avoided:
-        monkeypatch.setattr(loops, avoided, None)
+    monkeypatch.setattr(single_kernel, "has_small_loops", lambda: True)
     system, inputs = slab(nodes).modal(), jnp.asarray(random_walk(rows, 2, 7))
-    assert loops.is_small(system) and not loops.is_small(slab(40).modal())
-    assert loops.suits_lanes(system, len(inputs)) == (rows == 300)
+    assert single_kernel.is_small(system) and not single_kernel.is_small(slab(40).modal())
 
     @jax.jit
     def of(fo, q=inputs, model=system):
-        if way == "lanes":
-            lanes = propagate_lanes(model, fo, jnp.asarray(0.04), loops.in_lanes(q), jnp.zeros(1), sensitivity=True)
-            u, theta = (loops.in_rows(part, len(q)) for part in lanes)
-        else:
-            by_row = way == "one row"
-            u, theta = wallid.propagate(model, fo, 0.04, q, jnp.zeros(1), sensitivity=True, by_row=by_row)
+        u, theta = wallid.propagate(model, fo, 0.04, q, jnp.zeros(1), sensitivity=True)
         return jnp.sum(u**2) + jnp.sum(theta**3)
 
     fos = jnp.asarray([0.3, 0.5, 0.8])
@@ -286,23 +260,27 @@ def test_a_wall_in_steady_state_stays_there_without_sensitivity():
     np.testing.assert_allclose(theta, 0.0, atol=1e-13)
 
 
-def test_a_model_goes_through_its_arrays_and_back():
+def test_a_model_goes_through_its_file_and_back(tmp_path):
     """Every array comes to its own place, also where there are more inputs than faces."""
     shapes = {"A": (4, 4), "B": (4, 3), "C": (2, 4), "D": (2, 3), "P": (4, 1), "A0": (4, 4), "B0": (4, 3)}
     shapes |= {"C_theta": (2, 4), "capacity": (4,)}
     given = {name: jnp.full(shape, float(k)) for k, (name, shape) in enumerate(shapes.items())}
     for absent in ((), ("A0", "C_theta")):
         kept = {name: value for name, value in given.items() if name not in absent}
-        again = StateSpace.of(matrices_of(StateSpace(**kept, driven=(True, False, True))))
+        StateSpace(**kept, driven=(True, False, True)).save(tmp_path / "model.npz")
+        again = StateSpace.load(tmp_path / "model.npz")
+        assert again.driven == (True, False, True)
         for name in given:
-            assert getattr(again, name) is kept.get(name)
+            value = getattr(again, name)
+            assert (value is None) == (name not in kept)
+            assert value is None or np.array_equal(value, kept[name])
 
 
 @pytest.mark.parametrize("other", [wallid.Window(0, 3), np.eye(2)])
 def test_what_is_no_model_is_refused_by_name(other):
     """By the function itself; in these tests a checker of types would come first."""
     with pytest.raises(TypeError, match=rf"StateSpace is wanted, not a {type(other).__name__}"):
-        inspect.unwrap(matrices_of)(other)
+        inspect.unwrap(wallid.propagate)(other, 1.0, 0.1, np.zeros((3, 2)), np.zeros(1))
 
 
 def lagging(system, tau):

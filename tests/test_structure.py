@@ -13,11 +13,11 @@ from scipy.linalg import eigh
 from scipy.signal import lsim
 
 import wallid
-from wallid import report
-from wallid.case import Choices
-from wallid.identifiability import collinearity_index
-from wallid.lom import lom
-from wallid.structure import FILM_STD, LAYER_STD
+from wallid.case.case_file import Choices
+from wallid.inference.identifiability import collinearity_index
+from wallid.models.finite_volume_wall import lom
+from wallid.models.wall_parameters import FILM_STD, LAYER_STD
+from wallid.report import writer as report
 from wallid.workflow import Run
 
 LENGTH, STEP, ROWS, BEFORE = 0.3, 3600.0, 96, 240

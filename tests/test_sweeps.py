@@ -12,7 +12,7 @@ from many_walls import ALPHAS, NOISE, ROWS, STEP, walls, without_reading
 from scipy.integrate import cumulative_trapezoid
 
 import wallid
-from wallid.sweeps import sweep
+from wallid.models.batching import sweep
 
 ROOT = Path(__file__).parents[1]
 

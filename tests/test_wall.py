@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refuses
 
-from wallid.wall import Layer, Scales, Sensor, Wall
+from wallid.case.scaling import Scales
+from wallid.case.wall_and_sensors import Layer, Sensor, Wall
 
 STONE, WOOL = Layer(0.3, 1.5, 2e6), Layer(0.1, 0.04, 6e4)
 WALL = Wall(0.4, layers=(STONE, WOOL))
@@ -166,6 +167,6 @@ def test_importing_the_rooms_does_not_import_pandas():
     import subprocess
     import sys
 
-    code = "import sys, wallid.wall, wallid.record, wallid.case; print('pandas' in sys.modules)"
+    code = "import sys, wallid.case.case_file; print('pandas' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert re.fullmatch(r"False\s*", done.stdout)

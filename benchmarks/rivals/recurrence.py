@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from wallid import StateSpace
-from wallid.exponential import step_map
+from wallid.models.exponential_solver import step_map
 
 from ..measure import AbsentError
 

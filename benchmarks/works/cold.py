@@ -26,7 +26,7 @@ def _demo(*, warm: bool) -> Prepared:
     surroundings = os.environ | ({"JAX_COMPILATION_CACHE_DIR": f"{folder.name}/cache"} if warm else {})
 
     def run() -> None:
-        command = [sys.executable, "-m", "wallid.cli", "demo", "--quiet", "--out", f"{folder.name}/out"]
+        command = [sys.executable, "-m", "wallid", "demo", "--quiet", "--out", f"{folder.name}/out"]
         subprocess.run(command, check=True, env=surroundings)
 
     if warm:

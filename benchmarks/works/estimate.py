@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import wallid
-from wallid.least_squares import Fit, fit_experiment
+from wallid.inference.weighted_least_squares import Fit, fit_experiment
 
 from ..measure import Prepared
 from ..rivals.integrators import by_lsim

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import wallid
-from wallid.experiment import dimensionless_profile, fit_profile
+from wallid.case.initial_profile import dimensionless_profile, fit_profile
 
 from ..measure import Prepared
 from ..rivals.integrators import by_lsim

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import wallid
-from wallid.walls import Walls, estimate_walls
+from wallid.estimation.many_walls import Walls, estimate_walls
 
 from ..learned import learned
 from ..measure import Prepared

@@ -12,30 +12,38 @@ Switch 64-bit floats on first: `jax.config.update("jax_enable_x64", True)`.
 from importlib import import_module as _import_module
 from importlib.metadata import version as _version
 
-from ._xla import prepare_xla
-from .campaign import Pooled, campaign
-from .case import Case, load, packaged
-from .design import Design, design
-from .discrepancy import Explanation, explain
-from .estimate import Estimate, estimate, seconds_of_estimate
-from .experiment import Experiment, Window, experiment, fit_profile, large_model, scales
-from .exponential import Exponential
-from .iso9869 import Average, average_method
-from .learning import learn, learning_signals
-from .lengths import Lengths, lengths
-from .lom import Output, lom
-from .mim import Learned, Signals, choose_order, learn_system, sweep_orders
-from .places import Places, sensor_places
-from .record import Record, read_record
-from .reliability import Loads, Reliability, reliability
-from .sampling import Sampling, sampling
-from .sensitivity import autodiff, explicit
-from .simulate import propagate, simulate, stable_substeps
-from .statespace import StateSpace
-from .sweeps import stack, sweep
-from .thermal import Thermal
-from .wall import InputError, Layer, Scales, Sensor, Wall
-from .walls import Walls, estimate_walls
+from ._internal.errors import InputError
+from ._internal.xla_options import prepare_xla
+from .case.case_definition import Case
+from .case.case_file import load, packaged
+from .case.initial_profile import fit_profile, scales
+from .case.scaling import Scales
+from .case.time_window import Window
+from .case.wall_and_sensors import Layer, Sensor, Wall
+from .discrepancy.findings import Explanation
+from .discrepancy.search_for_effects import explain
+from .estimation.diffusivity import estimate, seconds_of_estimate
+from .estimation.heat_flux import Thermal
+from .estimation.iso_9869 import Average, average_method
+from .estimation.many_walls import Walls, estimate_walls
+from .estimation.many_windows import Pooled, campaign
+from .estimation.prediction import Loads, Reliability, reliability
+from .estimation.result_objects import Estimate
+from .experiment_design.sampling_step import Sampling, sampling
+from .experiment_design.sensor_placement import Places, sensor_places
+from .experiment_design.window_lengths import Lengths, lengths
+from .experiment_design.window_selection import Design, design
+from .models.batching import stack, sweep
+from .models.exponential_solver import Exponential
+from .models.finite_volume_wall import Output, lom
+from .models.integration import propagate, simulate, stable_substeps
+from .models.sensitivity_equations import autodiff, explicit
+from .models.state_space import StateSpace
+from .models.window_inputs import Experiment, experiment, large_model
+from .records.uniform_record import Record, read_record
+from .reduction.modal_identification import Learned, choose_order, learn_system, sweep_orders
+from .reduction.training_signals import learn, learning_signals
+from .reduction.variable_projection import Signals
 
 __version__ = _version("wallid")
 

@@ -4,30 +4,32 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from threading import Thread
 from typing import Any, Literal
 
-from .campaign import Pooled, campaign
-from .case import Case
-from .check import Check, check
-from .design import Design, design
-from .discrepancy import Explanation, compile_together, explain, study
-from .estimate import Estimate, check_draws, estimate, seconds_of_estimate
-from .experiment import Window, large_model, whole
-from .free import fluxes_of
-from .information import Criterion, Of, Robust
-from .learning import learn, learning_signals
-from .lengths import Lengths, days_within, lengths
-from .mim import Learned, sweep_orders
-from .places import Places, sensor_places
-from .reliability import Reliability, reliability
-from .sampling import Sampling, sampling
-from .simulate import Integrator
-from .statespace import StateSpace
-from .wall import InputError
+from ._internal.errors import InputError
+from .case.case_definition import Case
+from .case.record_check import Check, check
+from .case.time_window import Window, whole
+from .discrepancy.findings import Explanation
+from .discrepancy.search_for_effects import explain
+from .estimation.diffusivity import check_draws, estimate, seconds_of_estimate
+from .estimation.many_windows import Pooled, campaign
+from .estimation.prediction import Reliability, reliability
+from .estimation.result_objects import Estimate
+from .experiment_design.fisher_information import Criterion, Of, Robust
+from .experiment_design.sampling_step import Sampling, sampling
+from .experiment_design.sensor_placement import Places, sensor_places
+from .experiment_design.window_lengths import Lengths, days_within, lengths
+from .experiment_design.window_selection import Design, design
+from .models.flux_plates import fluxes_of
+from .models.integration import Integrator
+from .models.state_space import StateSpace
+from .models.window_inputs import large_model
+from .reduction.modal_identification import Learned, sweep_orders
+from .reduction.training_signals import learn, learning_signals
 
 Progress = Callable[[str, float], None]
 """Told the stage now beginning, and the share of the work done before it, 0 to 1."""
@@ -130,7 +132,6 @@ def run(
     draws: int = 0,
     designing: Designing = Designing(),
     progress: Progress = lambda stage, share: None,
-    before_diagnosis: Callable[[Run], None] = lambda done: None,
 ) -> Run:
     """The method on a case; the stages asked for, in their order.
 
@@ -142,7 +143,6 @@ def run(
         draws: of a bootstrap that checks the estimate's interval; 0 for none.
         designing: by which criterion days are chosen.
         progress: told of each stage.
-        before_diagnosis: told what the other stages have found, where a diagnosis follows.
 
     Raises:
         InputError: what the case cannot give, named.
@@ -151,8 +151,6 @@ def run(
     _check_orders(case, orders)
     check_draws(draws, weights)
     begin = _Shares(stages, len(orders), progress)
-    if "diagnose" in stages and len(stages) > 1:
-        _compile_beside(case)
     if "check" in stages:
         begin("check", "check: what the record holds")
         with done.timed("check"):
@@ -166,25 +164,11 @@ def run(
     if set(stages) - {"diagnose", "check", "campaign"}:
         _of_window(done, stages, window, orders, weights, integrator, draws, begin, designing)
     if "diagnose" in stages:
-        before_diagnosis(done)
         begin("diagnose", "diagnose: what the plain model misses")
         with done.timed("diagnose"):
             done.explanation = explain(case, progress=begin.within)
     progress("done", 1.0)
     return done
-
-
-def _compile_beside(case: Case) -> None:
-    """Begin to compile the diagnosis on a thread of its own, so that it is ready when the stages before it are.
-
-    What is wrong with the case for a diagnosis is said when its turn comes.
-    """
-
-    def prepare() -> None:
-        with suppress(InputError):
-            compile_together(study(case))
-
-    Thread(target=prepare, name="compile the diagnosis").start()
 
 
 class _Shares:

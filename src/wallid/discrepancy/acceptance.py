@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from .extend import Fit
-from .study import Slot
+from .effect_fit import Fit
+from .problem import Slot
 
 _TOLD = 2.0  # standard deviations from none that a size must be, with its places and hours free
 _MOVES = 0.5  # of the diffusivity's standard deviation: an effect too small to report stays if it moves it so far

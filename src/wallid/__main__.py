@@ -1,0 +1,5 @@
+"""`python -m wallid`: the command line."""
+
+from .cli import command
+
+command()

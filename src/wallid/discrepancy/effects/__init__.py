@@ -1,0 +1,75 @@
+"""The effects that may be missing from the plain model; see `terms` for how they compose."""
+
+from ...case.wall_and_sensors import SIDES
+from .base import AbstractEffect, Parameter
+from .catalogue import LIBRARY, library, untestable
+from .equation_terms import Campaign, Step, Terms, Wetting
+from .faces import FaceDepth, FaceLag, FaceOffset, SolarGain, SurfaceFilm
+from .heat_sources import (
+    AIRS,
+    AirFlow,
+    HeatedSource,
+    HourlySource,
+    LateralLoss,
+    PlacedHourlySource,
+    PlacedSource,
+    UniformSource,
+)
+from .material import (
+    ContactResistance,
+    DiffusivityDrift,
+    LayeredCapacity,
+    LayeredConductivity,
+    PhaseChange,
+    TemperatureDependentCapacity,
+    TemperatureDependentConductivity,
+    WettingByRain,
+    latent_capacity,
+    latent_heat,
+)
+from .search_range import Search, record_search
+from .sensors import ClockShift, SensorDrift, SensorGain, SensorLag, SensorOffset, SensorPosition
+
+__all__ = [
+    "AIRS",
+    "LIBRARY",
+    "SIDES",
+    "AbstractEffect",
+    "AirFlow",
+    "Campaign",
+    "ClockShift",
+    "ContactResistance",
+    "DiffusivityDrift",
+    "FaceDepth",
+    "FaceLag",
+    "FaceOffset",
+    "HeatedSource",
+    "HourlySource",
+    "LateralLoss",
+    "LayeredCapacity",
+    "LayeredConductivity",
+    "Parameter",
+    "PhaseChange",
+    "PlacedHourlySource",
+    "PlacedSource",
+    "Search",
+    "SensorDrift",
+    "SensorGain",
+    "SensorLag",
+    "SensorOffset",
+    "SensorPosition",
+    "SolarGain",
+    "Step",
+    "SurfaceFilm",
+    "TemperatureDependentCapacity",
+    "TemperatureDependentConductivity",
+    "Terms",
+    "UniformSource",
+    "Wetting",
+    "WettingByRain",
+    "latent_capacity",
+    "latent_heat",
+    "library",
+    "record_search",
+    "untestable",
+]

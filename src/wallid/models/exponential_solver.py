@@ -1,0 +1,234 @@
+"""The exact step of a linear model, as a diffrax solver.
+
+For inputs that are straight lines inside a step of length h:
+
+    x_1 = e^z x_0 + h (phi_1 - phi_2)(z) g q_0 + h phi_2(z) g q_1,     z = h (Fo A + A0), g = Fo B + B0
+
+with `phi_1(z) = (e^z - 1)/z`, `phi_k+1(z) = (phi_k(z) - 1/k!)/z`: exact to round-off whatever h and the
+mesh. (Hochbruck and Ostermann, Acta Numerica 19, 2010, Section 2.1.)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PyTree
+
+from .state_space import StateSpace
+
+_SERIES_TERMS = 18  # 1/21! < 1e-19: the tail of the series below |z| = 1 is under round-off
+_MAX_SQUARINGS = 48  # expm gives NaN past it; 2^48 is more than any mesh times any step
+
+State = tuple[Float[Array, "*rows node"], Float[Array, "*rows node"] | None]
+
+
+def phi_functions(z: Float[Array, "*shape"], most: int = 3) -> tuple[Float[Array, "*shape"], ...]:
+    """`e^z, phi_1(z), ... phi_most(z)` elementwise, accurate to round-off for every real z <= 0.
+
+    Below `|z| = 1` from the series of the last one downward (no cancellation), above by the recurrence.
+    Source: Hochbruck and Ostermann (2010), Section 2.1.
+    """
+    small = jnp.abs(z) < 1.0
+    z_small = jnp.where(small, z, 0.0)
+    last = jnp.zeros_like(z)
+    for k in reversed(range(_SERIES_TERMS)):
+        last = 1.0 / math.factorial(most + k) + z_small * last
+    near = [last]
+    for k in reversed(range(1, most)):
+        near.insert(0, 1.0 / math.factorial(k) + z_small * near[0])
+    z_large = jnp.where(small, 1.0, z)
+    far = [jnp.expm1(z_large) / z_large]
+    for k in range(1, most):
+        far.append((far[-1] - 1.0 / math.factorial(k)) / z_large)
+    return jnp.exp(z), *(jnp.where(small, *pair) for pair in zip(near, far, strict=True))
+
+
+class StepMap(eqx.Module):
+    """One exact step: `x_1 = E x_0 + W0 q_0 + W1 q_1`, and its derivative by Fo.
+
+    `theta_1 = E theta_0 + E_theta x_0 + V0 q_0 + V1 q_1`. For a diagonal model `E` and `E_theta`
+    are vectors.
+    """
+
+    E: Array
+    W0: Array
+    W1: Array
+    E_theta: Array | None = None
+    V0: Array | None = None
+    V1: Array | None = None
+
+    def drive(self, q0: Float[Array, "*rows input"], q1: Float[Array, "*rows input"]) -> State:
+        """What the inputs at the two ends of steps add to x and theta."""
+        x = times(self.W0, q0) + times(self.W1, q1)
+        if self.V0 is None or self.V1 is None:
+            return x, None
+        return x, times(self.V0, q0) + times(self.V1, q1)
+
+    def move(self, state: State, drive: State) -> State:
+        """The state a step later, with what the inputs add."""
+        x, theta = state
+        # of one node a product is the same
+        step = jnp.matmul if self.E.ndim == 2 and self.E.shape[0] == self.E.shape[1] else jnp.multiply
+        x1 = step(self.E, x) + drive[0]
+        if theta is None or self.E_theta is None or drive[1] is None:
+            return x1, None
+        return x1, step(self.E, theta) + step(self.E_theta, x) + drive[1]
+
+    def advance(self, state: State, q0: Float[Array, "*rows input"], q1: Float[Array, "*rows input"]) -> State:
+        """The state a step later; `q0`, `q1` are the inputs at the step's two ends."""
+        return self.move(state, self.drive(q0, q1))
+
+
+def times(matrix: Float[Array, "out few"], q: Float[Array, "*rows few"]) -> Float[Array, "*rows out"]:
+    """`matrix q` of many rows of few entries, as a sum: cheaper than products of thin matrices."""
+    return sum((q[..., k, None] * matrix[:, k] for k in range(1, matrix.shape[1])), q[..., :1] * matrix[:, 0])
+
+
+def step_map(system: StateSpace, fourier: Float[Array, ""], step: Float[Array, ""], *, sensitivity: bool) -> StepMap:
+    """The exact step of length `step` (in t_ref) for inputs that are straight lines inside it.
+
+    A diagonal model takes the phi-functions of its poles; any other a dense exponential, after
+    scaling with the square roots of its capacities where it has them (an unsymmetric exponential
+    loses digits).
+    """
+    if system.is_diagonal:
+        return _modal_step(system, fourier, step, sensitivity)
+    return _dense_step(system, fourier, step, sensitivity)
+
+
+def _modal_step(system: StateSpace, fourier: Array, h: Array, sensitivity: bool) -> StepMap:
+    f = system.A
+    rate = fourier * f if system.A0 is None else fourier * f + system.A0
+    g = fourier * system.B if system.B0 is None else fourier * system.B + system.B0
+    E, phi_1, phi_2, phi_3 = (phi[:, None] for phi in phi_functions(h * rate))
+    W0, W1 = h * (phi_1 - phi_2) * g, h * phi_2 * g
+    if not sensitivity:
+        return StepMap(E[:, 0], W0, W1)
+    # phi_k' = phi_k - k phi_{k+1}, and dz/dFo = h f
+    dz = h * f[:, None]
+    V0 = h * ((phi_1 - 2 * phi_2 + 2 * phi_3) * dz * g + (phi_1 - phi_2) * system.B)
+    V1 = h * ((phi_2 - 2 * phi_3) * dz * g + phi_2 * system.B)
+    return StepMap(E[:, 0], W0, W1, (dz * E)[:, 0], V0, V1)
+
+
+def _dense_step(system: StateSpace, fourier: Array, h: Array, sensitivity: bool) -> StepMap:
+    """By the exponential of the model with its inputs' value and slope as two more states.
+
+    Source: Van Loan, IEEE Trans. Autom. Control 23 (1978), 395.
+    """
+    root = jnp.ones(system.order) if system.capacity is None else jnp.sqrt(system.capacity)
+
+    def scaled(matrix: Array) -> Array:
+        return root[:, None] * matrix / root
+
+    n, m = system.B.shape
+    A, B = scaled(system.A), root[:, None] * system.B
+    rate = fourier * A if system.A0 is None else fourier * A + scaled(system.A0)
+    g = fourier * B if system.B0 is None else fourier * B + root[:, None] * system.B0
+    if sensitivity:
+        rate = jnp.block([[rate, jnp.zeros((n, n))], [A, rate]])
+        g = jnp.concatenate([g, B])
+    states = rate.shape[0]
+    augmented = jnp.zeros((states + 2 * m, states + 2 * m))
+    augmented = augmented.at[:states, :states].set(h * rate)
+    augmented = augmented.at[:states, states : states + m].set(h * g)
+    augmented = augmented.at[states : states + m, states + m :].set(jnp.eye(m))
+    full = jax.scipy.linalg.expm(augmented, max_squarings=_MAX_SQUARINGS)[:states]
+    value, slope = full[:, states : states + m], full[:, states + m :]
+    W0, W1 = value - slope, slope
+
+    def back(block: Array) -> Array:
+        return block / root[:, None]
+
+    E = back(full[:n, :n]) * root
+    if not sensitivity:
+        return StepMap(E, back(W0), back(W1))
+    return StepMap(E, back(W0[:n]), back(W1[:n]), back(full[n:, :n]) * root, back(W0[n:]), back(W1[n:]))
+
+
+class Flow(eqx.Module):
+    """The right-hand side of a model under given inputs, as a diffrax vector field.
+
+    The state is `(x, theta)`, `theta` None without the sensitivity.
+    """
+
+    system: StateSpace
+    fourier: Float[Array, ""]
+    inputs: diffrax.LinearInterpolation
+
+    def __call__(self, t: Any, state: State, args: Any) -> State:
+        """The rates of x and theta."""
+        x, theta = state
+        q = self.inputs.evaluate(t)
+        x_rate = self.system.rate(x, q, self.fourier)
+        if theta is None:
+            return x_rate, None
+        no_input = jnp.zeros_like(q)
+        theta_rate = self.system.rate(theta, no_input, self.fourier)
+        return x_rate, theta_rate + self.system.apply(x) + self.system.B @ q
+
+    def output(self, t: Any, state: State, args: Any) -> tuple[Array, Array | None]:
+        """`u = C x + D q` and `theta = C_theta x_theta`."""
+        return outputs(self.system, state, self.inputs.evaluate(t))
+
+
+def outputs(system: StateSpace, state: State, q: Float[Array, " input"]) -> tuple[Array, Array | None]:
+    """`u = C x + D q` and `theta = C_theta x_theta`."""
+    x, theta = state
+    u = system.C @ x + system.D @ q
+    if theta is None:
+        return u, None
+    return u, system.theta_outputs @ theta
+
+
+class Exponential(diffrax.AbstractSolver):
+    """The exact step for a `Flow`, as a diffrax solver.
+
+    Exact where no row of the inputs lies inside a step (`simulate.ToRows`, or
+    `ClipStepSizeController`). The maps are kept from step to step and made anew only where the
+    step's length changes. It gives no error estimate, so it takes no adaptive controller.
+    """
+
+    term_structure: ClassVar = diffrax.ODETerm
+    interpolation_cls: ClassVar[Callable[..., diffrax.LocalLinearInterpolation]] = diffrax.LocalLinearInterpolation
+
+    def order(self, terms: PyTree) -> int | None:
+        """None: there is no error in the step's length to have an order."""
+        return None
+
+    def init(self, terms, t0, t1, y0, args):
+        """The exact step of the first step's length."""
+        flow = _flow_of(terms)
+        h = jnp.asarray(t1 - t0)
+        return h, step_map(flow.system, flow.fourier, h, sensitivity=y0[1] is not None)
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        """One exact step from t0 to t1."""
+        flow = _flow_of(terms)
+        length, kept = solver_state
+        h = jnp.asarray(t1 - t0)
+        # times such as 3 * 0.1 carry round-off; a step is the same within it
+        same = jnp.abs(h - length) <= 8 * jnp.finfo(h).eps * jnp.maximum(jnp.abs(t1), h)
+        step = jax.lax.cond(
+            same,
+            lambda: kept,
+            lambda: step_map(flow.system, flow.fourier, h, sensitivity=y0[1] is not None),
+        )
+        y1 = step.advance(y0, flow.inputs.evaluate(t0), flow.inputs.evaluate(t1))
+        state = (jnp.where(same, length, h), step)
+        return y1, None, {"y0": y0, "y1": y1}, state, diffrax.RESULTS.successful
+
+    def func(self, terms, t0, y0, args):
+        """The rate, for diffrax's own use."""
+        return terms.vf(t0, y0, args)
+
+
+def _flow_of(terms: PyTree) -> Flow:
+    """The flow inside diffrax's own wrapping of a term (which turns time round, never used here)."""
+    return getattr(terms, "term", terms).vector_field

@@ -1,0 +1,229 @@
+"""The one class for every linear model of the package, large or reduced.
+
+With the time in units of `t_ref` and `Fo = t_ref alpha / L^2`:
+
+    x' = (Fo A + A0) x + (Fo B + B0) q        x(0) = P a
+    u  = C x + D q
+    theta = du/dFo = C_theta x_theta
+    x_theta' = (Fo A + A0) x_theta + A x + B q     x_theta(0) = 0
+
+`q` are the inputs (for a wall: its two face temperatures), `a` the coefficients of the initial
+profile. A large original model and a reduced one differ in their matrices only.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, ScalarLike
+
+from .._internal.arrays import on_device, part_of
+
+_ARRAYS = ("A", "B", "C", "D", "P", "A0", "B0", "C_theta", "capacity")
+_FILE_FORMAT = 1
+
+
+def require_x64() -> None:
+    """Raise where JAX computes in single precision.
+
+    Raises:
+        RuntimeError: `jax_enable_x64` is off. The package never switches it on by itself.
+    """
+    if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
+        raise RuntimeError(
+            "wallid computes in float64, and JAX has it switched off. Put "
+            "`jax.config.update('jax_enable_x64', True)` before the first computation, "
+            "or set JAX_ENABLE_X64=1 in the environment."
+        )
+
+
+class StateSpace(eqx.Module):
+    """A linear model whose rate is scaled by the Fourier number.
+
+    Arguments:
+        A: what scales with Fo, 1; `(node, node)`, or `(node,)` where it is diagonal.
+        B: the inputs' part that scales with Fo, 1.
+        C, D: outputs from the state and directly from the inputs.
+        P: the initial state per coefficient of the initial profile.
+        A0, B0: what does not scale with Fo, or None.
+        C_theta: outputs of the sensitivity state; None means the same as C (the exact derivative).
+        capacity: weights `m > 0` that make `diag(m) A` symmetric, or None where there are none.
+        output_names: one name per output.
+        driven: per input, whether this model knows its effect. A reduced model knows an input only
+            if learning moved it.
+
+    Raises:
+        RuntimeError: 64-bit floats are switched off.
+        ValueError: shapes that do not fit each other, named.
+    """
+
+    A: Float[Array, "node node"] | Float[Array, " node"] = eqx.field(converter=on_device)
+    B: Float[Array, "node input"] = eqx.field(converter=on_device)
+    C: Float[Array, "output node"] = eqx.field(converter=on_device)
+    D: Float[Array, "output input"] = eqx.field(converter=on_device)
+    P: Float[Array, "node param"] = eqx.field(converter=on_device)
+    A0: Float[Array, "node node"] | Float[Array, " node"] | None = None
+    B0: Float[Array, "node input"] | None = None
+    C_theta: Float[Array, "output node"] | None = None
+    capacity: Float[Array, " node"] | None = None
+    output_names: tuple[str, ...] = eqx.field(static=True, default=())
+    driven: tuple[bool, ...] = eqx.field(static=True, default=(True, True))
+
+    def __check_init__(self) -> None:
+        require_x64()
+        nodes, inputs = self.B.shape
+        expected = {
+            "A": {(nodes, nodes), (nodes,)},
+            "C": {(self.C.shape[0], nodes)},
+            "D": {(self.C.shape[0], inputs)},
+            "P": {(nodes, self.P.shape[-1])},
+            "A0": {self.A.shape},
+            "B0": {self.B.shape},
+            "C_theta": {self.C.shape},
+            "capacity": {(nodes,)},
+        }
+        for name, shapes in expected.items():
+            value = getattr(self, name)
+            if value is not None and value.shape not in shapes:
+                right = " or ".join(str(shape) for shape in sorted(shapes, key=len))
+                raise ValueError(f"StateSpace: {name} has shape {value.shape}; B makes it {right}")
+        for name, count in (("output_names", self.C.shape[0]), ("driven", inputs)):
+            given = len(getattr(self, name))
+            if given != count and not (name == "output_names" and given == 0):
+                raise ValueError(f"StateSpace: {name} has {given} entries for {count}")
+
+    @property
+    def order(self) -> int:
+        """The number of states."""
+        return self.B.shape[0]
+
+    @property
+    def is_diagonal(self) -> bool:
+        """Whether each state is a mode of its own."""
+        return self.A.ndim == 1
+
+    @property
+    def is_symmetrisable(self) -> bool:
+        """Whether `modal` can turn this model into its modes."""
+        return self.is_diagonal or (self.capacity is not None and self.A0 is None)
+
+    @property
+    def theta_outputs(self) -> Float[Array, "output node"]:
+        """The outputs of the sensitivity state: C_theta, or C where there is none of its own."""
+        return self.C if self.C_theta is None else self.C_theta
+
+    def apply(self, x: Float[Array, " node"]) -> Float[Array, " node"]:
+        """`A x`."""
+        return jnp.multiply(self.A, x) if self.is_diagonal else jnp.matmul(self.A, x)
+
+    def rate(self, x: Float[Array, " node"], q: Float[Array, " input"], fourier: ScalarLike) -> Float[Array, " node"]:
+        """`x' = (Fo A + A0) x + (Fo B + B0) q`, per unit of t_ref."""
+        rate = jnp.multiply(fourier, self.apply(x) + self.B @ q)
+        if self.A0 is not None:
+            rate = rate + (self.A0 * x if self.is_diagonal else self.A0 @ x)
+        if self.B0 is not None:
+            rate = rate + self.B0 @ q
+        return rate
+
+    @eqx.filter_jit
+    def static_gain(self) -> Float[Array, "output input"]:
+        """The outputs in a steady state per unit of each input, `D - C A^-1 B`.
+
+        Raises:
+            ValueError: the model has a part that does not scale with Fo (the gain depends on Fo then).
+        """
+        if self.A0 is not None or self.B0 is not None:
+            raise ValueError("static_gain: A0 or B0 is set, so the steady state depends on the diffusivity")
+        rest = jnp.divide(self.B, self.A[:, None]) if self.is_diagonal else jnp.linalg.solve(self.A, self.B)
+        return jnp.subtract(self.D, jnp.matmul(self.C, rest))
+
+    def modal(self) -> StateSpace:
+        """The same model in its modes: a diagonal `A`, the same outputs to round-off.
+
+        With `M = diag(capacity)`: `M^1/2 A M^-1/2 = Q diag(f) Q^T`, state `Q^T M^1/2 x`.
+
+        Raises:
+            ValueError: the model cannot be symmetrised.
+        """
+        if self.is_diagonal:
+            return self
+        if not self.is_symmetrisable or self.capacity is None:
+            raise ValueError(
+                "modal: this model has no capacities that symmetrise it (or a part that does not scale "
+                "with Fo); simulate it as it is, the solver takes a dense exponential"
+            )
+        return _to_modes(self, self.capacity)
+
+    def select(self, outputs: list[int]) -> StateSpace:
+        """The same model with only the outputs of these places, in this order."""
+        rows = np.asarray(outputs)
+        return dataclasses.replace(
+            self,
+            C=part_of(self.C, rows),
+            D=part_of(self.D, rows),
+            C_theta=None if self.C_theta is None else part_of(self.C_theta, rows),
+            output_names=tuple(self.output_names[row] for row in outputs) if self.output_names else (),
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the model as one file (NumPy's npz, readable without this package)."""
+        arrays: dict[str, Any] = {
+            name: np.asarray(value) for name in _ARRAYS if (value := getattr(self, name)) is not None
+        }
+        header = {"format": _FILE_FORMAT, "output_names": self.output_names, "driven": self.driven}
+        with Path(path).open("wb") as file:
+            np.savez(file, header=np.array(json.dumps(header)), **arrays)
+
+    @staticmethod
+    def load(path: str | Path) -> StateSpace:
+        """Read a model that `save` wrote.
+
+        Raises:
+            ValueError: the file is not such a model, or of a format this version does not know.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                header = json.loads(str(file["header"]))
+                arrays: dict[str, Any] = {name: on_device(file[name]) for name in file.files if name in _ARRAYS}
+        except (KeyError, ValueError, OSError) as error:
+            raise ValueError(f"{path}: not a model saved by wallid ({error})") from error
+        if header.get("format") != _FILE_FORMAT:
+            raise ValueError(f"{path}: model format {header.get('format')}; this version reads {_FILE_FORMAT}")
+        return StateSpace(
+            **arrays, output_names=tuple(header["output_names"]), driven=tuple(map(bool, header["driven"]))
+        )
+
+    def __str__(self) -> str:
+        kind = "modes" if self.is_diagonal else "nodes"
+        driven = sum(self.driven)
+        names = ", ".join(self.output_names) or str(self.C.shape[0])
+        return (
+            f"StateSpace of {self.order} {kind}, {driven} of {len(self.driven)} inputs driven, "
+            f"{self.P.shape[1]} profile coefficients; outputs: {names}"
+        )
+
+
+@eqx.filter_jit
+def _to_modes(system: StateSpace, capacity: Float[Array, " node"]) -> StateSpace:
+    root = jnp.sqrt(capacity)
+    f, Q = jnp.linalg.eigh(root[:, None] * system.A / root)
+    to_modes = Q.T * root
+    from_modes = Q / root[:, None]
+    return StateSpace(
+        A=f,
+        B=to_modes @ system.B,
+        C=system.C @ from_modes,
+        D=system.D,
+        P=to_modes @ system.P,
+        B0=None if system.B0 is None else to_modes @ system.B0,
+        C_theta=None if system.C_theta is None else system.C_theta @ from_modes,
+        output_names=system.output_names,
+        driven=system.driven,
+    )

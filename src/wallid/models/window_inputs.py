@@ -1,0 +1,137 @@
+"""A window of a case in the form that models take: inputs, initial profile, readings, weights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._internal.arrays import on_device
+from .._internal.errors import InputError
+from ..case.case_definition import Case
+from ..case.initial_profile import dimensionless_profile, fit_profile, profile_degree, scales
+from ..case.time_window import STILL, Window, check_unbroken, whole
+from ..case.wall_and_sensors import SIDES
+from .finite_volume_wall import Output, lom
+from .state_space import StateSpace
+
+
+class Experiment(eqx.Module):
+    """What a model is driven with and compared to, over one window.
+
+    Arguments:
+        step: of the rows, in t_ref.
+        inputs: dimensionless face temperatures (left, right).
+        initial: dimensionless coefficients of the initial profile in x*.
+        observed: sensors' readings in degC, 0 where missing.
+        weight: per reading, one over its standard deviation in K; 0 where missing.
+        offset_std: of each sensor's constant offset, K; 0 where none is estimated.
+        profile_per_offset: how the initial profile, fitted through readings, moves with each sensor's
+            offset, 1/K; zero for a profile that was given.
+        temperature, temperature_min: T = temperature_min + temperature u.
+        offsets: the sensors with an offset, by place.
+    """
+
+    step: Float[Array, ""] = eqx.field(converter=on_device)
+    inputs: Float[Array, "time input"] = eqx.field(converter=on_device)
+    initial: Float[Array, " param"] = eqx.field(converter=on_device)
+    observed: Float[Array, "time sensor"] = eqx.field(converter=on_device)
+    weight: Float[Array, "time sensor"] = eqx.field(converter=on_device)
+    offset_std: Float[Array, " sensor"] = eqx.field(converter=on_device)
+    profile_per_offset: Float[Array, "param sensor"] = eqx.field(converter=on_device)
+    temperature: Float[Array, ""] = eqx.field(converter=on_device)
+    temperature_min: Float[Array, ""] = eqx.field(converter=on_device)
+    offsets: tuple[int, ...] = eqx.field(static=True, default=())
+
+    def celsius(self, u: Array) -> Array:
+        """Dimensionless temperatures in degC."""
+        return self.temperature_min + self.temperature * u
+
+    def starting_from(self, initial: Float[Array, " param"]) -> Experiment:
+        """The same window from another initial profile."""
+        return eqx.tree_at(lambda data: data.initial, self, initial)
+
+    @property
+    def time(self) -> Float[Array, " time"]:
+        """The rows' times in t_ref, from the window's start."""
+        return self.step * jnp.arange(self.inputs.shape[0])
+
+
+def experiment(case: Case, window: Window | None = None, *, weighted: bool = True) -> Experiment:
+    """A window of a case (None: its whole record, straight lines across its breaks) for estimation.
+
+    Arguments:
+        weighted: each reading by its sensor's noise; False gives the paper's plain sum of squares (all
+            readings by one noise, the sensors' root mean square).
+
+    Raises:
+        InputError: no inner sensor has a reading in the window, or the record breaks in it.
+    """
+    if window is None:
+        window = Window(0, case.record.rows)
+    else:
+        check_unbroken(case, window)
+    part = case.record.window(window.row, window.rows)
+    scale = scales(case)
+    noise = np.array([sensor.noise_std for sensor in case.sensors])
+    if not weighted:
+        noise = np.full_like(noise, np.sqrt(np.mean(noise**2)))
+    profile = fit_profile(case, window.row)
+    offset_std = np.array([sensor.offset_std for sensor in case.sensors])
+    present = np.isfinite(part.sensors)
+    if not present.any() and not (part.regressors.keys() & {"flux_left", "flux_right"}):
+        raise InputError(
+            f"{case.record.file}: no inner sensor has a reading from {part.stamp(0)} on, over {window.rows} rows; "
+            "take another window"
+        )
+    return Experiment(
+        step=part.step / scale.time,
+        inputs=scale.dimensionless(part.faces),
+        initial=dimensionless_profile(profile.coefficients, scale),
+        observed=np.where(present, part.sensors, 0.0),
+        weight=present / noise,
+        offset_std=offset_std,
+        profile_per_offset=profile.per_reading / scale.temperature,
+        temperature=scale.temperature,
+        temperature_min=scale.temperature_min,
+        offsets=tuple(int(s) for s in np.flatnonzero(offset_std > 0)),
+    )
+
+
+def large_model(case: Case, extra: Sequence[Output] = ()) -> StateSpace:
+    """The case's large model in its modes; outputs are the sensors, then `extra`.
+
+    Raises:
+        InputError: the case has no inner sensor, or fewer nodes than its layers need.
+    """
+    if not case.sensors and not extra:
+        raise InputError(
+            f"{case.path}: no [[sensor]]: this needs a temperature inside the wall; `wallid run`, `wallid design` and "
+            "`wallid estimate` take a case with heat flux alone"
+        )
+    sensors = [Output(sensor.position, name=sensor.name) for sensor in case.sensors]
+    degree = profile_degree(case)
+    return lom(case.wall, [*sensors, *extra], nodes=case.choices.nodes, profile_degree=degree).modal()
+
+
+def check_driven(model: StateSpace, case: Case, window: Window | None = None) -> None:
+    """Refuse to drive a reduced model by a face that its learning never moved.
+
+    Raises:
+        InputError: such a face moves in this window, or does not meet the initial profile.
+    """
+    window = whole(case) if window is None else window
+    faces = np.asarray(case.record.window(window.row, window.rows).faces)
+    coefficients = fit_profile(case, window.row).coefficients
+    ends = np.array([coefficients[0], coefficients.sum()])
+    largest = np.max(np.abs(faces - ends), axis=0)
+    for side, name in enumerate(SIDES):
+        if not model.driven[side] and largest[side] > STILL:
+            raise InputError(
+                f"record: the {name} face moves by up to {largest[side]:.3g} K from the initial profile, and the "
+                f"reduced model never learned what the {name} face does; add a learning signal in which it "
+                'moves ([[learning.signal]]), or use [choices] model = "lom"'
+            )
