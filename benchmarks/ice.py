@@ -85,7 +85,7 @@ def fortnights(
     path = folder / f"{borehole}.toml"
     path.write_text(CASE.format(file=f"{borehole}.csv", position_std=position_std), encoding="utf-8")
     case = wallid.load(path)
-    large = wallid.large_model(case)
+    large = wallid.full_order_model(case)
     rows = case.record.rows_per(DAYS)
     for row in range(0, case.record.rows - rows + 1, case.record.rows_per(every)):
         fit = wallid.estimate(case, wallid.Window(row, rows), large)

@@ -32,7 +32,7 @@ MODES = 8
 class Errors:
     """What is wrong with a record's readings, as drawn; the case states the same sizes.
 
-    Arguments:
+    Args:
         sensor, face: K, noise of each reading. memory: of the sensors' noise from row to row.
         position: m. offset: K. face_position: of the faces' sensors, m.
     """
@@ -159,7 +159,7 @@ def one(kind: str, seed: int, **choices) -> Row:
     faces, measured, readings = draw(errors, seed)
     case = case_of(errors, measured, readings)
     case = replace(case, choices=replace(case.choices, **choices))
-    fit = wallid.estimate(case, None, wallid.large_model(case))
+    fit = wallid.estimate(case, None, wallid.full_order_model(case))
     low, high = np.log(np.array(fit.interval_95) / DIFFUSIVITY)
     return Row(
         float(np.log(fit.value / DIFFUSIVITY)), low, high, fit.std / fit.value, best_std(errors, faces), fit.reliable

@@ -116,7 +116,7 @@ def prepared_here(work: str, contender: str) -> Callable[[float], Measured]:
     jax.config.update("jax_enable_x64", True)
     works = importlib.import_module(f"benchmarks.works.{work}")
     if contender not in getattr(works, "PLAIN", ()):
-        wallid.prepare_xla()  # as the commands do
+        wallid.models.prepare_xla()  # as the commands do
     prepared: Prepared = works.CONTENDERS[contender]()
     before = _reset_peak()
     first, answer = timed(prepared.run)

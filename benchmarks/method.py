@@ -19,7 +19,7 @@ from benchmarks.cases import saint_julien_case, validation_case
 from benchmarks.make_examples import slab_response
 from benchmarks.rivals.integrators import by_lsim
 from benchmarks.works.learn import eps_inf
-from wallid.estimation.diffusivity import fit_experiment
+from wallid.estimation.diffusivity import fit_weighted_least_squares
 from wallid.reduction.modal_identification import learn_system
 
 DAY = 86400.0
@@ -35,12 +35,12 @@ def seconds(work: Callable) -> float:
 
 def exact_against_lsim(case: wallid.Case) -> Row:
     """Field and sensitivity of the validation case."""
-    outputs = [wallid.Output(sensor.position) for sensor in case.sensors]
-    nodal = wallid.lom(case.wall, outputs, nodes=75, profile_degree=0)
-    data = wallid.experiment(case)
-    fo = wallid.scales(case).fourier(5.21e-7)
+    outputs = [wallid.models.Output(sensor.position) for sensor in case.sensors]
+    nodal = wallid.models.finite_volume_model(case.wall, outputs, nodes=75, profile_degree=0)
+    data = wallid.models.window_data(case)
+    fo = wallid.case.scales(case).fourier(5.21e-7)
     want = by_lsim(nodal, *(np.asarray(part) for part in (data.time, data.inputs, data.initial)))(fo)
-    u, theta = wallid.explicit(nodal.modal(), fo, data)
+    u, theta = wallid.models.explicit(nodal.modal(), fo, data)
     worst = max(np.abs(u - want[0]).max(), np.abs(theta - want[1]).max())
     return "exact solver against `scipy.signal.lsim`, field and sensitivity", "1e-10", f"{worst:.1e}"
 
@@ -56,8 +56,10 @@ def orders_in_space() -> Iterator[Row]:
         want, _ = slab_response(np.array(points), t, length=0.5, diffusivity=alpha, harmonics=((omega, 0.0, 1.0),))
         errors = []
         for nodes in (21, 41, 81, 161, 321):
-            system = wallid.lom(wall, [wallid.Output(x) for x in points], nodes=nodes, profile_degree=0).modal()
-            u, _ = wallid.propagate(system, DAY * alpha / 0.25, 5 / DAY, face, jnp.zeros(1))
+            system = wallid.models.finite_volume_model(
+                wall, [wallid.models.Output(x) for x in points], nodes=nodes, profile_degree=0
+            ).modal()
+            u, _ = wallid.models.propagate(system, DAY * alpha / 0.25, 5 / DAY, face, jnp.zeros(1))
             errors.append(np.abs(u - want).max())
         found = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
         target = "2.0 ± 0.1" if name == "on nodes" else ">= 1.9"
@@ -66,7 +68,10 @@ def orders_in_space() -> Iterator[Row]:
 
 def reduced_model(case: wallid.Case) -> Iterator[Row]:
     """Errors over 50 diffusivities, and what learning costs."""
-    large, signals = wallid.large_model(case), wallid.learning_signals(case, wallid.Window(0, case.record.rows))
+    large, signals = (
+        wallid.full_order_model(case),
+        wallid.reduction.training_signals(case, wallid.Window(0, case.record.rows)),
+    )
     first = seconds(lambda: learn_system(large, 5, signals).system)
     warm = float(np.median([seconds(lambda: learn_system(large, 5, signals).system) for _ in range(5)]))
     yield "learning, order 5, first call and warm", "10 s, 1 s", f"{first:.1f} s, {warm:.2f} s"
@@ -84,12 +89,12 @@ def reduced_model(case: wallid.Case) -> Iterator[Row]:
 
 def validation_estimates(case: wallid.Case) -> Iterator[Row]:
     """50 noise seeds, 50 starts, iterations."""
-    large, rom = wallid.large_model(case), wallid.learn(case, wallid.Window(0, case.record.rows))
-    per_alpha, prior = jnp.asarray(wallid.scales(case).fourier(1.0)), jnp.asarray(2.1e-7)
+    large, rom = wallid.full_order_model(case), wallid.learn(case, wallid.Window(0, case.record.rows))
+    per_alpha, prior = jnp.asarray(wallid.case.scales(case).fourier(1.0)), jnp.asarray(2.1e-7)
     rows = []
     for seed in range(50):
-        data = wallid.experiment(validation_case(case, seed))
-        fits = [fit_experiment(s, data, per_alpha, prior, jnp.asarray(1e-12)) for s in (rom.system, large)]
+        data = wallid.models.window_data(validation_case(case, seed))
+        fits = [fit_weighted_least_squares(s, data, per_alpha, prior, jnp.asarray(1e-12)) for s in (rom.system, large)]
         rows.append([(float(fit.parameters[0]), 1 / np.linalg.norm(fit.jacobian)) for fit in fits])
     found = np.array(rows)
     apart = np.abs(np.expm1(found[:, 0, 0] - found[:, 1, 0])).max()
@@ -97,10 +102,10 @@ def validation_estimates(case: wallid.Case) -> Iterator[Row]:
     yield "validation, 50 noise seeds: MIM 5 against LOM", "0.3 %", f"{apart:.3%} at most"
     means = ", ".join(f"{pull:+.2f}" for pull in pulls.mean(axis=0))
     yield "the same, mean error in standard errors (MIM, LOM)", "within 3/sqrt(50) = 0.42", means
-    data = wallid.experiment(case)
+    data = wallid.models.window_data(case)
     eta, values = jnp.asarray(1e-14), []
     for start in np.geomspace(1e-8, 1e-5, 50):
-        fit = fit_experiment(rom.system, data, per_alpha, jnp.asarray(start), eta)
+        fit = fit_weighted_least_squares(rom.system, data, per_alpha, jnp.asarray(start), eta)
         values.append(start * float(jnp.exp(fit.parameters[0])))
     yield "the same from 50 starts, 1e-8 to 1e-5: spread", "1e-8", f"{np.ptp(values) / np.mean(values):.1e}"
     yield "steps until one is under 1e-8, validation", "<= 10", steps(wallid.estimate(case, None, rom, eta=1e-14))
@@ -115,7 +120,7 @@ def case_study() -> Iterator[Row]:
     """Orders against the large model, the demo's estimate, and the twin without sun."""
     case = wallid.load("saint_julien")
     window = wallid.design(case)
-    large = wallid.estimate(case, window, wallid.large_model(case))
+    large = wallid.estimate(case, window, wallid.full_order_model(case))
     roms = {order: wallid.learn(case, window, order) for order in range(7, 21)}
     apart = {order: wallid.estimate(case, window, rom).value / large.value - 1 for order, rom in roms.items()}
     worst = max(apart, key=lambda order: abs(apart[order]))
@@ -126,7 +131,7 @@ def case_study() -> Iterator[Row]:
     errors = []
     for noise_seed in range(20):
         calm = saint_julien_case(case, 2009, sun=0.0, noise_seed=noise_seed)
-        errors.append(wallid.estimate(calm, wallid.design(calm), wallid.large_model(calm)).value / 1.06e-6 - 1)
+        errors.append(wallid.estimate(calm, wallid.design(calm), wallid.full_order_model(calm)).value / 1.06e-6 - 1)
     yield (
         "the same twin without sun, 20 noise seeds: mean, largest",
         "1 %, 4 %",

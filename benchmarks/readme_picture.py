@@ -18,7 +18,7 @@ def main() -> None:
     found = wallid.design(case)
     rom = wallid.learn(case, found)
     fit = wallid.estimate(case, found, rom)
-    whole = wallid.reliability(case, fit, rom.system)
+    whole = wallid.predict(case, fit, rom.system)
     with plot.style():
         made, axes = plot.figure(2, 2, width=10.0, height=2.9)
         plot.record(axes[0, 0], case, found.best)

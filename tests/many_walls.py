@@ -26,13 +26,13 @@ def walls(noise=0.0, *, alphas=ALPHAS, offset_std=0.0):
     for k, alpha in enumerate(alphas):
         places = np.array(PLACES) + 0.01 * (k % 4)
         readings, _ = slab_response(places, time, length=LENGTH, diffusivity=alpha, harmonics=((omega, 0.0, 5.0),))
-        outputs = [wallid.Output(x) for x in places]
+        outputs = [wallid.models.Output(x) for x in places]
         wall = wallid.Wall(length=LENGTH, diffusivity_prior=5e-7)
-        systems.append(wallid.lom(wall, outputs, nodes=41, profile_degree=0).modal())
+        systems.append(wallid.models.finite_volume_model(wall, outputs, nodes=41, profile_degree=0).modal())
         face = 5.0 * np.sin(omega * time) / 20.0
         offsets = tuple(range(len(places))) if offset_std else ()
         data.append(
-            wallid.Experiment(
+            wallid.models.WindowData(
                 step=STEP / DAY,
                 inputs=np.stack([face, 0 * face], axis=1),
                 initial=np.zeros(1),
@@ -46,7 +46,12 @@ def walls(noise=0.0, *, alphas=ALPHAS, offset_std=0.0):
             )
         )
     count = len(alphas)
-    return wallid.stack(systems), wallid.stack(data), np.full(count, DAY / LENGTH**2), np.full(count, 2e-7)
+    return (
+        wallid.models.stack(systems),
+        wallid.models.stack(data),
+        np.full(count, DAY / LENGTH**2),
+        np.full(count, 2e-7),
+    )
 
 
 def without_reading(arguments, wall, row, sensor):

@@ -8,7 +8,7 @@ from benchmarks.discrepancy import truth
 from benchmarks.discrepancy.truth import Spec
 
 from wallid.case.case_file import load
-from wallid.discrepancy.problem import Slot, study
+from wallid.discrepancy.problem import EffectParameters, diagnosis_problem
 
 # a wall that forgets how it began within hours: L^2 / (pi^2 alpha) = 1.4 h
 SPEC = Spec(
@@ -27,14 +27,14 @@ SPEC = Spec(
 def prepare(folder, spec=SPEC):
     """The study of a simulated record, and what is true of it."""
     record = truth.write_case(spec, folder)
-    return study(load(folder)), record["truth"]
+    return diagnosis_problem(load(folder)), record["truth"]
 
 
 def slot_of(study, name, target=None, parameters=()):
     """The slot of an effect that has at least these parameters; the simplest of several forms."""
     found = [
         slot
-        for slot in study.slots
+        for slot in study.library
         if slot.effect.name == name
         and study.target_name(slot.effect) == target
         and set(parameters) <= {parameter.name for parameter in slot.effect.parameters}
@@ -59,9 +59,9 @@ def vector(study, diffusivity, effects=()):
 
 def trimmed(study, keep):
     """The study with a part of the library, which is compiled in a part of the time."""
-    effects = tuple(slot.effect for slot in study.slots if keep(slot.effect))
-    slots, first = [], study.slots[0].first
+    effects = tuple(slot.effect for slot in study.library if keep(slot.effect))
+    slots, first = [], study.library[0].first
     for effect in effects:
-        slots.append(Slot(effect, first))
+        slots.append(EffectParameters(effect, first))
         first += len(effect.parameters)
     return replace(study, model=eqx.tree_at(lambda m: m.effects, study.model, effects), slots=tuple(slots))

@@ -15,8 +15,8 @@ T_REF = 20.0
 
 def slab(nodes=75, *, length=LENGTH, points=POINTS, degree=0, layers=()):
     wall = wallid.Wall(length=length, diffusivity_prior=5e-7, layers=layers)
-    outputs = [wallid.Output(x, name=f"T{i}") for i, x in enumerate(points)]
-    return wallid.lom(wall, outputs, nodes=nodes, profile_degree=degree)
+    outputs = [wallid.models.Output(x, name=f"T{i}") for i, x in enumerate(points)]
+    return wallid.models.finite_volume_model(wall, outputs, nodes=nodes, profile_degree=degree)
 
 
 def fourier(alpha, length=LENGTH):
@@ -46,7 +46,7 @@ def unlearned_course():
 def paper_signals():
     slow, fast = learned_courses()
     inputs = np.stack([faces(course) for course in (slow, slow, slow, fast)])
-    return wallid.Signals(fourier(LEARNED), half_minutes()[1], inputs, np.zeros((4, 1)))
+    return wallid.reduction.TrainingSignals(fourier(LEARNED), half_minutes()[1], inputs, np.zeros((4, 1)))
 
 
 def scipy_field_and_sensitivity(system, fo, time, inputs, initial):

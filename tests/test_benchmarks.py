@@ -57,7 +57,9 @@ def test_the_c_recurrence_is_scipys_lsim():
 
 
 def test_lsim_with_theta_is_lsims_own_difference():
-    system = wallid.lom(wallid.Wall(length=0.4, diffusivity_prior=5e-7), [wallid.Output(0.1)], nodes=15)
+    system = wallid.models.finite_volume_model(
+        wallid.Wall(length=0.4, diffusivity_prior=5e-7), [wallid.models.Output(0.1)], nodes=15
+    )
     time = np.arange(50) / 24
     inputs = np.cumsum(np.random.default_rng(3).standard_normal((50, 2)), axis=0)
     run = by_lsim(system, time, inputs, np.array([1.0, 0.5, 0.0]))

@@ -14,7 +14,7 @@ from wallid.case.record_check import check
 from wallid.case.time_window import Window, check_unbroken, diagnosed, whole
 from wallid.case.wizard import Answers, metres, new_case, place
 from wallid.cli.commands import app
-from wallid.models.window_inputs import experiment
+from wallid.models.window_inputs import window_data
 from wallid.workflow import Run
 
 
@@ -127,10 +127,10 @@ def test_stages_take_the_longest_part_and_say_so(house):
     assert (whole(case), diagnosed(case)) == (Window(0, 60), Window(0, 60))
     fit = wallid.estimate(case)
     assert fit.window == Window(0, 60)
-    found = wallid.reliability(case, fit)
+    found = wallid.predict(case, fit)
     assert found.measured.shape == (60, 2) and found.days[-1] == pytest.approx(59 / 24)
-    assert "its longest unbroken part, 60 rows" in str(Run(case, fit=fit, reliability=found))
-    refuses(lambda: experiment(case, Window(50, 20)), "lies across a break", "T_left and T_right", "longest_gap")
+    assert "its longest unbroken part, 60 rows" in str(Run(case, fit=fit, prediction=found))
+    refuses(lambda: window_data(case, Window(50, 20)), "lies across a break", "T_left and T_right", "longest_gap")
     refuses(lambda: check_unbroken(case, Window(65, 20)), "lies across a break")
     best = wallid.design(case).best
     assert case.record.holds(best.row, best.rows)

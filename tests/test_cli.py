@@ -194,7 +194,7 @@ def test_orders_that_cannot_be_learned_are_refused_first(command):
 def test_an_unknown_case_lists_the_packaged_ones(command):
     ended = command("run", "nowhere")
     assert ended.exit_code == 2
-    for name in wallid.packaged():
+    for name in wallid.case.packaged():
         assert name in ended.stderr
 
 
@@ -251,7 +251,7 @@ def test_version():
 def test_with_a_window_by_hand_its_own_fit_decides():
     """A design that finds nothing at the prior does not overrule the fit of a window that was named."""
     case = wallid.load("saint_julien")
-    fit = wallid.estimate(case, wallid.Window(168, 72), wallid.large_model(case))
+    fit = wallid.estimate(case, wallid.Window(168, 72), wallid.full_order_model(case))
     hopeless = replace(wallid.design(case), information=np.zeros((1, 109)))
     assert Run(case, design=hopeless).unreliable
     assert not Run(case, design=hopeless, fit=fit).unreliable

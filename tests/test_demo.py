@@ -123,7 +123,7 @@ def test_a_browser_shows_the_page_on_every_screen_and_on_paper(demo, tmp_path):
 def test_the_twin_without_its_sun_is_adequate():
     """The issue's other half: nothing is named where nothing is missing."""
     case = wallid.load("saint_julien")
-    found = wallid.explain(saint_julien_case(case, 2009, sun=0.0))
+    found = wallid.diagnose(saint_julien_case(case, 2009, sun=0.0))
     assert found.verdict == "adequate", str(found)
     assert found.after.diffusivity == pytest.approx(1.06e-6, rel=0.015)
     assert found.interval_95[0] < 1.06e-6 < found.interval_95[1]

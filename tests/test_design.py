@@ -7,7 +7,7 @@ from systems import scipy_field_and_sensitivity
 import wallid
 from wallid.case.initial_profile import dimensionless_profile, profile_degree
 from wallid.estimation import diffusivity
-from wallid.models.window_inputs import large_model
+from wallid.models.window_inputs import full_order_model
 
 
 @pytest.fixture(scope="module")
@@ -25,18 +25,20 @@ def window_by_scipy(case, row, rows, alpha, offset=0.0):
     sensors = np.array(case.record.sensors)
     sensors[:, 1] -= offset
     case = replace(case, record=replace(case.record, sensors=sensors))
-    scale = wallid.scales(case)
-    outputs = [wallid.Output(sensor.position) for sensor in case.sensors]
-    system = wallid.lom(case.wall, outputs, nodes=case.choices.nodes, profile_degree=profile_degree(case))
+    scale = wallid.case.scales(case)
+    outputs = [wallid.models.Output(sensor.position) for sensor in case.sensors]
+    system = wallid.models.finite_volume_model(
+        case.wall, outputs, nodes=case.choices.nodes, profile_degree=profile_degree(case)
+    )
     part = case.record.window(row, rows)
-    initial = dimensionless_profile(wallid.fit_profile(case, row).coefficients, scale)
+    initial = dimensionless_profile(wallid.case.fit_profile(case, row).coefficients, scale)
     inputs = (part.faces - scale.temperature_min) / scale.temperature
     return scipy_field_and_sensitivity(system, scale.fourier(alpha), part.time / 86400.0, inputs, initial)
 
 
 def information_by_scipy(case, row, rows, alpha, offset_std=None):
     """The window's information on alpha from `lsim`'s theta and a full covariance matrix."""
-    scale = wallid.scales(case)
+    scale = wallid.case.scales(case)
     u, theta = window_by_scipy(case, row, rows, alpha)
     slope = theta * scale.temperature * scale.fourier(1.0)
     noise = np.array([sensor.noise_std for sensor in case.sensors])
@@ -77,9 +79,9 @@ def test_map_and_vmap_give_the_same_numbers(case):
 
 def test_cut_theta_is_one_run_over_the_record(case):
     found = wallid.design(case, restart=False)
-    system = wallid.large_model(case)
-    _, theta = wallid.explicit(system, wallid.scales(case).fourier(2.8e-7), wallid.experiment(case))
-    slope = np.asarray(theta) * wallid.scales(case).temperature * wallid.scales(case).fourier(1.0) / 0.1
+    system = wallid.full_order_model(case)
+    _, theta = wallid.models.explicit(system, wallid.case.scales(case).fourier(2.8e-7), wallid.models.window_data(case))
+    slope = np.asarray(theta) * wallid.case.scales(case).temperature * wallid.case.scales(case).fourier(1.0) / 0.1
     row = int(found.starts[4])
     assert found.information[0, 4] == pytest.approx(np.sum(slope[row : row + found.rows] ** 2), rel=1e-10)
     # at the record's first window both are the same run
@@ -107,11 +109,13 @@ def test_the_window_of_a_whole_record(case):
 
 def test_lengths_hold_criterion_and_cost(case):
     seen = []
-    found = wallid.lengths(case, [1.0, 3.0], lambda window: float(window.rows), on_length=seen.append)
+    found = wallid.experiment_design.compare_lengths(
+        case, [1.0, 3.0], lambda window: float(window.rows), on_length=seen.append
+    )
     assert seen == [1.0, 3.0]
     np.testing.assert_array_equal(found.seconds, [24.0, 72.0])
     assert found.criterion[1] == 1.0 and 0 < found.criterion[0] < 1
-    four = wallid.lengths(case, [1.0, 2.0, 3.0, 4.0], lambda window: float(window.rows))
+    four = wallid.experiment_design.compare_lengths(case, [1.0, 2.0, 3.0, 4.0], lambda window: float(window.rows))
     np.testing.assert_array_equal(four.seconds, [24.0, np.nan, 72.0, 96.0])  # nothing made up between
     assert str(four).count(" ms") == 3 and "nan" not in str(four)
 
@@ -120,7 +124,7 @@ def test_a_short_estimate_is_timed_many_times(monkeypatch, case):
     """Half a millisecond is what else a machine does in between: three runs told of that."""
     ran = []
     monkeypatch.setattr(diffusivity, "fit_experiment", lambda *given: ran.append(given))
-    assert 0 <= wallid.seconds_of_estimate(case, wallid.Window(0, 72), large_model(case)) < 0.1
+    assert 0 <= wallid.estimation.seconds_of_estimate(case, wallid.Window(0, 72), full_order_model(case)) < 0.1
     assert len(ran) == 31
 
 
@@ -137,9 +141,9 @@ def test_the_expected_error_is_what_estimates_scatter_by(case):
 
     The design counts the readings' own noise; what else the full covariance leaves free is not in it.
     """
-    large = wallid.large_model(case)
+    large = wallid.full_order_model(case)
     found = wallid.design(case, diffusivities=[1.06e-6])
-    scale = wallid.scales(case)
+    scale = wallid.case.scales(case)
     u, _ = window_by_scipy(case, found.best.row, found.rows, 1.06e-6)
     clean = scale.temperature_min + scale.temperature * u
     rng = np.random.default_rng(5)

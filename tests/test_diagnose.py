@@ -42,7 +42,7 @@ def diagnosed(tmp_path_factory):
     path.write_text(path.read_text() + "[choices]\ndiagnose_days = 9\n")
 
     def explain(case, progress):
-        found.append(wallid.explain(case, progress=progress))
+        found.append(wallid.diagnose(case, progress=progress))
         return found[-1]
 
     with pytest.MonkeyPatch.context() as patch:
@@ -104,7 +104,7 @@ def test_the_waterfall_goes_from_the_plain_model_to_what_is_left(ax, explanation
 def test_effects_without_a_model_between_them_come_in_together(explanation):
     """Two effects, of which the search has fitted the first alone, or has not."""
     (one, *_) = explanation.effects
-    other = next(slot for slot in explanation.study.slots if slot.effect.name == "clock_shift")
+    other = next(slot for slot in explanation.study.library if slot.effect.name == "clock_shift")
     pair = replace(explanation, effects=(one, replace(one, slot=other)), trials=())
     labels = [pair.study.label(named.slot.effect) for named in pair.effects]
     assert drawn.waterfall_steps(pair) == [
@@ -143,19 +143,19 @@ def test_the_heatmap_is_symmetric_with_ones_on_its_diagonal(ax, explanation):
 def test_the_map_shows_the_remainder(ax, explanation):
     limit = plot.colour_limit(explanation)
     mesh = plot.residual_map(ax, explanation.after, limit, "after")
-    np.testing.assert_array_equal(np.asarray(mesh.get_array()), explanation.after.remainder.T)
+    np.testing.assert_array_equal(np.asarray(mesh.get_array()), explanation.after.residual_at_rows.T)
     assert mesh.get_clim() == (-limit, limit)
     assert f"{explanation.gap.after:.3g} K" in ax.get_title(loc="left")
 
 
 def test_the_mean_residual_by_hour(ax, explanation):
     plot.hourly_residual(ax, explanation.after, explanation.left_after.by_hour, "")
-    first = explanation.after.remainder[:, 0].reshape(9, 24)  # whole days from midnight
+    first = explanation.after.residual_at_rows[:, 0].reshape(9, 24)  # whole days from midnight
     np.testing.assert_allclose(ax.lines[0].get_ydata(), first.mean(axis=0))
 
 
 def test_the_worst_week_is_the_worst(explanation):
-    rest = explanation.before.remainder
+    rest = explanation.before.residual_at_rows
     week = drawn.worst_week(explanation.before)
     assert week.stop - week.start == 168
     sizes = [np.sum(rest[first : first + 168] ** 2) for first in range(len(rest) - 167)]
@@ -273,7 +273,7 @@ def test_chance_is_what_the_tables_reasons_say(ax, explanation):
 
 
 def test_a_size_has_its_unit_as_a_person_writes_it(ax, explanation):
-    slot = next(slot for slot in explanation.study.slots if "m2" in slot.effect.parameters[0].unit)
+    slot = next(slot for slot in explanation.study.library if "m2" in slot.effect.parameters[0].unit)
     size = slot.effect.parameters[0]
     plot.size_by_window(ax, explanation, replace(explanation.effects[0], slot=slot, values={size.name: (1.0, 0.1)}))
     assert "m²" in ax.get_ylabel() and "m2" not in ax.get_ylabel()
@@ -311,7 +311,7 @@ def test_the_smooth_remainder_is_drawn_with_the_days_means(ax, unnamed):
         np.testing.assert_allclose(line.get_ydata(), left.smooth[:, s])
     dots = [line for line in ax.lines if line.get_marker() == "."]
     assert len(dots) == 2 * 9
-    first = fit.remainder[: 86400 // int(fit.study.record.step), 0]
+    first = fit.residual_at_rows[: 86400 // int(fit.study.record.step), 0]
     assert dots[0].get_ydata()[0] == pytest.approx(np.nanmean(first))
 
 
@@ -333,7 +333,7 @@ def test_an_effect_that_may_not_stand_is_nowhere_told_as_found(explanation):
     seen = {text.get_text() for made in drawn_.values() for text in made.findobj(Text)}
     assert not [text for text in seen if "ith the effect" in text or text == "in the model"]
     assert {"nearest effect, refused", "with the nearest effect, refused"} <= seen
-    run = Run(unnamed.study.case, explanation=unnamed)
+    run = Run(unnamed.study.case, diagnosis=unnamed)
     text = check(page_of(run, result(run), [draw(*one) for one in drawn_.items()])).text
     assert ">in the model<" not in text and "the nearest known effect, refused" in text
     assert all("refused" in alternative(stem, run) for stem in ("missing", "residuals"))
@@ -350,7 +350,7 @@ def test_one_quarter_that_tells_a_size_is_compared_with_none(explanation):
 
 
 def test_the_alternative_of_a_single_panel_speaks_of_one(adequate):
-    told = alternative("residuals", Run(adequate.study.case, explanation=adequate))
+    told = alternative("residuals", Run(adequate.study.case, diagnosis=adequate))
     assert "before and after" not in told and " to " not in told
 
 

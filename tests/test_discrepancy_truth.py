@@ -1,4 +1,4 @@
-"""The truth that `wallid.explain` is judged by, against closed solutions and balances; its scenarios and its score."""
+"""The truth that `wallid.diagnose` is judged by, against closed solutions and balances; its scenarios and its score."""
 
 import ast
 import inspect

@@ -52,7 +52,7 @@ from wallid.discrepancy.effects import (
 from wallid.discrepancy.effects.heat_sources import hours_course
 from wallid.discrepancy.forward import cells
 from wallid.discrepancy.forward.response import respond
-from wallid.discrepancy.model_with_effects import Model, first_order_columns, linearise, predict
+from wallid.discrepancy.model_with_effects import ModelWithEffects, first_order_columns, linearise, predict
 
 REGRESSORS = ("irradiance", "air_outdoor", "air_indoor", "heating", "rain")
 SETTLED = int(DAY / SPEC.step)
@@ -208,12 +208,12 @@ def test_each_effect_at_its_neutral_value_changes_no_term(campaign):
 def test_the_whole_library_at_its_neutral_values_is_the_plain_model(plain):
     """Whatever the places, times and temperatures of effects whose size is 0."""
     study, _ = plain
-    without = Model(study.model.campaign, (), study.model.log_prior, study.sensors, study.model.substeps)
+    without = ModelWithEffects(study.model.campaign, (), study.model.log_prior, study.sensors, study.model.substeps)
     theta = vector(study, 6e-7)
     theta[1:5] = [0.4, -0.3, 0.2, 0.1]
     short = jnp.asarray(theta[: study.depths.stop])
     elsewhere = theta.copy()
-    for slot in study.slots:
+    for slot in study.library:
         for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True):
             if not parameter.is_size:
                 elsewhere[index] += 0.7 * parameter.scale
@@ -371,7 +371,7 @@ def test_the_heating_column_times_the_rate_is_a_source(plain):
         course.append(read @ T)
         T = advance @ T + enter * 0.5 * (level[i] + level[i + 1])
     want = np.array(course)[:: round(spec.step / step)][SETTLED:]
-    (slot,) = (slot for slot in study.slots if slot.effect.variant == "with the heating")
+    (slot,) = (slot for slot in study.library if slot.effect.variant == "with the heating")
     theta = vector(study, spec.diffusivity)
     with_source = theta.copy()
     with_source[slot.first] = rate
@@ -496,7 +496,10 @@ def test_the_order_of_the_library_does_not_matter(plain):
     theta = sized(study, 0.2)
     backward = tuple(reversed(study.model.effects))
     turned = eqx.tree_at(lambda model: model.effects, study.model, backward)
-    parts = [theta[: study.slots[0].first], *(theta[list(slot.indices)] for slot in reversed(study.slots))]
+    parts = [
+        theta[: study.library[0].first],
+        *(theta[list(slot.indices)] for slot in reversed(study.library)),
+    ]
     one, other = predict(study.model, theta, True), predict(turned, np.concatenate(parts), True)
     assert rms(one - predict(study.model, study.neutral, True)) > 0.05
     assert_allclose(other, one, rtol=0, atol=1e-9)
@@ -523,7 +526,7 @@ def sized(study, share):
     theta[list(study.profile)[:3]] = [0.5, -0.2, 0.1]
     where = {"interface": 0.0853, "place": 0.1127, "temperature": 8.3, "start": 6.53, "end": 13.21}
     where |= {"time_constant": 0.9 * DAY, "time": 0.7131 * DAY}
-    for slot in study.slots:
+    for slot in study.library:
         for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True):
             theta[index] = share * parameter.scale if parameter.is_size else where[parameter.name]
     return theta
@@ -546,7 +549,7 @@ def test_every_parameter_has_its_derivative(plain):
     theta = sized(study, 0.3)
     names = {
         index: f"{study.label(slot.effect)}: {parameter.name}"
-        for slot in study.slots
+        for slot in study.library
         for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True)
     }
     chosen = [0, 1, 4, study.positions[1], study.offsets[2], *names]
@@ -569,11 +572,11 @@ def test_the_first_order_of_every_effect(plain):
     study, _ = plain
     theta = sized(study, 0.0)
     linear = vector(study, 7e-7, [*JOINED[:2], BLOWN[1]])
-    for slot in study.slots:
+    for slot in study.library:
         if slot.effect.linear:
             theta[list(slot.indices)] = linear[list(slot.indices)]
-    slots = [slot for slot in study.slots if theta[slot.first] == 0.0]
-    assert len(slots) > len(study.slots) - 4
+    slots = [slot for slot in study.library if theta[slot.first] == 0.0]
+    assert len(slots) > len(study.library) - 4
     thetas = np.repeat(theta[None], len(slots), axis=0)
     places = sized(study, 0.0)
     for slot, row in zip(slots, thetas, strict=True):

@@ -9,7 +9,7 @@ from benchmarks.cases import saint_julien_case, validation_case
 from benchmarks.make_examples import slab_response
 
 import wallid
-from wallid.estimation.diffusivity import fit_experiment
+from wallid.estimation.diffusivity import fit_weighted_least_squares
 
 TRUTH = 5.21e-7
 SEEDS = 30  # `benchmarks.method` takes 50
@@ -27,19 +27,19 @@ def reduced(case):
 
 @pytest.fixture(scope="module")
 def large(case):
-    return wallid.large_model(case)
+    return wallid.full_order_model(case)
 
 
 @pytest.fixture(scope="module")
 def over_seeds(case, reduced, large):
     """Estimates and standard errors over noise seeds, by MIM 5 and by LOM, on the same data."""
-    per_alpha = jnp.asarray(wallid.scales(case).fourier(1.0))
+    per_alpha = jnp.asarray(wallid.case.scales(case).fourier(1.0))
     found = []
     for seed in range(SEEDS):
-        data = wallid.experiment(validation_case(case, seed))
+        data = wallid.models.window_data(validation_case(case, seed))
         row = []
         for system in (reduced.system, large):
-            fit = fit_experiment(system, data, per_alpha, jnp.asarray(2.1e-7), jnp.asarray(1e-12))
+            fit = fit_weighted_least_squares(system, data, per_alpha, jnp.asarray(2.1e-7), jnp.asarray(1e-12))
             std = 1.0 / np.linalg.norm(fit.jacobian)
             row.append((2.1e-7 * float(jnp.exp(fit.parameters[0])), std))
         found.append(row)
@@ -63,11 +63,11 @@ def test_unbiased_within_the_standard_error(over_seeds, model):
 
 def test_fifty_starts_give_one_value(case, reduced):
     """The issue's figure: from 1e-8 to 1e-5, to 1e-8 relative."""
-    data = wallid.experiment(case)
-    per_alpha, eta = jnp.asarray(wallid.scales(case).fourier(1.0)), jnp.asarray(1e-14)
+    data = wallid.models.window_data(case)
+    per_alpha, eta = jnp.asarray(wallid.case.scales(case).fourier(1.0)), jnp.asarray(1e-14)
     values = []
     for start in np.geomspace(1e-8, 1e-5, 50):
-        fit = fit_experiment(reduced.system, data, per_alpha, jnp.asarray(start), eta)
+        fit = fit_weighted_least_squares(reduced.system, data, per_alpha, jnp.asarray(start), eta)
         values.append(start * float(jnp.exp(fit.parameters[0])))
     assert np.ptp(values) < 1e-8 * np.mean(values)
 
@@ -116,7 +116,7 @@ def test_the_papers_unweighted_cost_with_equal_white_noise_is_the_same_minimum(c
 def test_weights_follow_each_sensors_noise():
     """With the paper's second noise variant, the weighted estimate beats the plain one over seeds."""
     case = wallid.load("validation_high_noise")
-    large = wallid.large_model(case)
+    large = wallid.full_order_model(case)
     values = {"noise": [], "none": []}
     for seed in range(16):
         noisy = validation_case(case, seed)
@@ -177,7 +177,7 @@ def test_an_offset_is_taken_out_of_the_initial_profile_too():
         time, faces, readings = slab_with_offset(seed, noise=0.02, offset=0.6)
         record = replace(base.record, time=time, stamps=time, faces=faces, sensors=readings, regressors={})
         case = replace(base, wall=wall, sensors=sensors, record=record)
-        fit = wallid.estimate(case, None, wallid.large_model(case))
+        fit = wallid.estimate(case, None, wallid.full_order_model(case))
         pulls.append([(fit.offsets["T2"][0] - 0.6) / fit.offsets["T2"][1], np.log(fit.value / 6e-7) * 6e-7 / fit.std])
         spreads.append(fit.reduced_chi_square)
     # with the offset left in the profile the misfit was tens of times the noise
@@ -191,9 +191,11 @@ def test_offset_covariance_is_that_of_the_marginal_model(case, reduced):
     fit = wallid.estimate(stated, None, reduced, eta=1e-13)
     present = np.isfinite(fit.residual)
     theta = (
-        wallid.explicit(reduced.system, wallid.scales(case).fourier(fit.value), wallid.experiment(stated))[1]
-        * wallid.scales(case).fourier(fit.value)
-        * wallid.scales(case).temperature
+        wallid.models.explicit(
+            reduced.system, wallid.case.scales(case).fourier(fit.value), wallid.models.window_data(stated)
+        )[1]
+        * wallid.case.scales(case).fourier(fit.value)
+        * wallid.case.scales(case).temperature
     )
     information = 0.0
     for s in range(5):  # the initial profile is given here, so an offset adds to its own sensor only
@@ -245,16 +247,16 @@ def test_a_start_outside_the_bounds_is_named(case, reduced):
 
 def test_one_compilation_for_all_windows_of_a_length():
     case = wallid.load("saint_julien")
-    system = wallid.large_model(case)
-    per_alpha = jnp.asarray(wallid.scales(case).fourier(1.0))
+    system = wallid.full_order_model(case)
+    per_alpha = jnp.asarray(wallid.case.scales(case).fourier(1.0))
     # counts traces of the estimate's body under a jit of its own
     fit = eqx.filter_jit(
         eqx.debug.assert_max_traces(
-            lambda data, start: fit_experiment(system, data, per_alpha, start, per_alpha), max_traces=1
+            lambda data, start: fit_weighted_least_squares(system, data, per_alpha, start, per_alpha), max_traces=1
         )
     )
     for row, start in ((0, 2.8e-7), (700, 1e-6), (1500, 5e-7)):
-        jax.block_until_ready(fit(wallid.experiment(case, wallid.Window(row, 72)), jnp.asarray(start)))
+        jax.block_until_ready(fit(wallid.models.window_data(case, wallid.Window(row, 72)), jnp.asarray(start)))
 
 
 def test_the_twin_without_sun_over_20_noise_seeds():
@@ -264,7 +266,7 @@ def test_the_twin_without_sun_over_20_noise_seeds():
     for noise_seed in range(20):
         calm = saint_julien_case(case, 2009, sun=0.0, noise_seed=noise_seed)
         window = wallid.design(calm)
-        values.append(wallid.estimate(calm, window, wallid.large_model(calm)).value)
+        values.append(wallid.estimate(calm, window, wallid.full_order_model(calm)).value)
     errors = np.array(values) / 1.06e-6 - 1
     assert abs(errors.mean()) < 0.01
     assert np.abs(errors).max() < 0.04
@@ -274,6 +276,6 @@ def test_the_case_studys_orders_against_the_large_model():
     """MIM within 0.5 % of LOM (the paper's Table 4); `benchmarks.method` takes all orders from 7 to 20."""
     case = wallid.load("saint_julien")
     window = wallid.design(case)
-    large = wallid.estimate(case, window, wallid.large_model(case)).value
+    large = wallid.estimate(case, window, wallid.full_order_model(case)).value
     # of all of them the smallest is off most
     assert wallid.estimate(case, window, wallid.learn(case, window, 7)).value == pytest.approx(large, rel=5e-3)

@@ -26,7 +26,7 @@ def test_the_generator_knows_nothing_of_the_package():
         assert not [module for module in imported if str(module).startswith("wallid")]
 
 
-@pytest.mark.parametrize("name", wallid.packaged())
+@pytest.mark.parametrize("name", wallid.case.packaged())
 def test_every_packaged_case_loads_and_says_that_it_is_synthetic(name):
     assert "ynthetic" in str(wallid.load(name))
 

@@ -44,7 +44,7 @@ def explained(tmp_path_factory):
             spec = replace(PLAIN, effects=tuple(Hidden(*one) for one in hidden), **changes)
             folder = tmp_path_factory.mktemp("case")
             write_case(spec, folder)
-            kept[key] = (wallid.explain(wallid.load(folder)), simulate(spec)["truth"]["diffusivity"])
+            kept[key] = (wallid.diagnose(wallid.load(folder)), simulate(spec)["truth"]["diffusivity"])
         return kept[key]
 
     return find
@@ -63,7 +63,7 @@ def test_nothing_is_missing_from_a_wall_from_which_nothing_is(explained, noise):
     assert found.gap.after == pytest.approx(found.gap.floor, rel=0.15)
     assert replace(found, gap=replace(found.gap, held_out_after=3 * found.gap.floor)).verdict == "unnamed"
     assert all(np.isfinite(size) and size > 0 for size in found.smallest().values())
-    slot = next(slot for slot in found.study.slots if slot.effect.name == "solar_gain")
+    slot = next(slot for slot in found.study.library if slot.effect.name == "solar_gain")
     small = refit(found.study, (slot,), found.before.theta, found.before.noise)
     theta = small.theta.copy()
     theta[0] += 0.2
@@ -120,7 +120,7 @@ def test_a_source_found_everywhere_is_tried_at_a_place_at_its_hours(explained):
     found, _ = explained(PLACED[:3])
     study, plain = found.study, found.before
     everywhere, placed = (
-        next(slot for slot in study.slots if slot.effect.name == "heat_source" and slot.effect.variant == variant)
+        next(slot for slot in study.library if slot.effect.name == "heat_source" and slot.effect.variant == variant)
         for variant in ("hourly", "placed, hourly")
     )
     begun = dict(zip((p.name for p in everywhere.effect.parameters), everywhere.indices, strict=True))
@@ -173,7 +173,7 @@ def test_a_record_too_short_to_hold_days_out_is_explained_all_the_same(tmp_path)
     write_case(replace(PLAIN, days=2.8, effects=(Hidden("solar_gain", "left", {"gain": 0.004}),)), tmp_path)
     case = tmp_path / "case.toml"
     case.write_text(case.read_text() + "\n[choices]\nwindow_days = 2\n")
-    found = wallid.explain(wallid.load(tmp_path))
+    found = wallid.diagnose(wallid.load(tmp_path))
     assert names(found) == {("solar_gain", "left")}, str(found)
     assert found.gap.held_out_before is None
     assert found.gap.held_out_after is None
@@ -216,7 +216,7 @@ def test_a_rival_is_told_and_spans_the_interval(explained):
     """What was named, as if another fit came as close: the verdict, the sentence and the interval say so."""
     found, _ = explained(("solar_gain", "left", {"gain": 0.004}))
     (named,) = found.effects
-    (other,) = [slot for slot in found.study.slots if slot.effect.name == "clock_shift"]
+    (other,) = [slot for slot in found.study.library if slot.effect.name == "clock_shift"]
     near = replace(found.before, active=(other,))
     doubted = replace(found, effects=(replace(named, alternatives=(other,)),), rivals=(near,))
     assert doubted.verdict == "confusable"
@@ -279,4 +279,4 @@ def test_without_an_inner_sensor_the_refusal_says_what_to_do(explained):
     record = replace(case.record, names=(), sensors=np.empty((case.record.rows, 0)), regressors=flux)
     choices = replace(case.choices, initial_profile=0)
     with pytest.raises(wallid.InputError, match="add a sensor"):
-        wallid.explain(replace(case, sensors=(), record=record, choices=choices))
+        wallid.diagnose(replace(case, sensors=(), record=record, choices=choices))

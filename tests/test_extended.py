@@ -15,12 +15,12 @@ from scipy.linalg import expm
 
 from wallid.discrepancy.effects import (
     AirFlow,
-    Campaign,
     ClockShift,
     ContactResistance,
     DiffusivityDrift,
     FaceDepth,
     FaceLag,
+    ForcingData,
     HourlySource,
     LateralLoss,
     LayeredCapacity,
@@ -58,7 +58,7 @@ def drive(left, right, *, outdoor=4.0, indoor=19.0):
     zero = np.zeros((ROWS - 1, 4))
     width = np.full(NODES, L / (NODES - 1))
     width[[0, -1]] *= 0.5
-    return Campaign(
+    return ForcingData(
         step=jnp.asarray(STEP),
         faces=jnp.asarray(cubics(faces)),
         irradiance=jnp.asarray(zero),

@@ -10,9 +10,9 @@ from benchmarks.slab import temperatures
 from numpy.testing import assert_allclose
 
 import wallid
-from wallid.inference.gap_covariance import filled_gaps
+from wallid.inference.gap_covariance import gap_errors
 from wallid.inference.likelihood import face_response
-from wallid.inference.noise_covariance import Bins, NoiseModel, thinned
+from wallid.inference.noise_covariance import Bins, NoiseShape, thinned
 
 ROWS, PLACES, RATE = (
     interval.ROWS,
@@ -44,26 +44,26 @@ def fill():
 @pytest.fixture(scope="module")
 def response():
     case = interval.case_of(interval.KINDS["white"], np.full((ROWS, 2), 15.0), np.full((ROWS, 3), 15.0))
-    fourier = wallid.scales(case).fourier(interval.DIFFUSIVITY)
-    system = wallid.large_model(case)
+    fourier = wallid.case.scales(case).fourier(interval.DIFFUSIVITY)
+    system = wallid.full_order_model(case)
     return np.array(face_response(system, jnp.asarray(fourier), jnp.asarray(interval.STEP / 86400), ROWS))
 
 
 def model_of(response, fill, present, bin_rows=1, apart=1):
     bins = Bins(jnp.zeros((ROWS, 3)), jnp.asarray(present, dtype=float), bin_rows)
-    gaps = filled_gaps(fill, FACE, response, bins)
+    gaps = gap_errors(fill, FACE, response, bins)
     response, bins = thinned(response, bins, apart)
-    return NoiseModel(response, bins, np.full(3, SENSOR), FACE, gaps=gaps)
+    return NoiseShape(response, bins, np.full(3, SENSOR), FACE, gaps=gaps)
 
 
 def test_each_gap_is_one_error_that_goes_through_the_wall(response, fill):
-    found = filled_gaps(fill, FACE, response, Bins(jnp.zeros((ROWS, 3)), jnp.ones((ROWS, 3)), 1))
+    found = gap_errors(fill, FACE, response, Bins(jnp.zeros((ROWS, 3)), jnp.ones((ROWS, 3)), 1))
     assert found.shape == (3, 3 * ROWS)
     bows = (bow(10, 6, 0.3), 0), (bow(40, 9, 0.5), 0), (bow(12, 5, 0.4), 1)
     for gap, (course, side) in zip(found, bows, strict=True):
         want = through(np.stack([course, np.zeros(ROWS)] if side == 0 else [np.zeros(ROWS), course], axis=1))
         assert_allclose(gap.reshape(3, ROWS).T, want, atol=2e-3 * np.abs(want).max())
-    assert filled_gaps(None, FACE, response, Bins(jnp.zeros((ROWS, 3)), jnp.ones((ROWS, 3)), 1)).shape == (0, 3 * ROWS)
+    assert gap_errors(None, FACE, response, Bins(jnp.zeros((ROWS, 3)), jnp.ones((ROWS, 3)), 1)).shape == (0, 3 * ROWS)
 
 
 def draws(fill, count, rng):
@@ -96,7 +96,7 @@ def test_the_covariance_is_that_of_drawn_gaps(response, fill):
         white = (binned @ noise.whiten.T)[:, there]
         tolerance = 4 * np.sqrt(2 / white.size) + (0.03 if rows > 1 else 0.0)  # the faces' noise is spread over a bin
         assert_allclose((white**2).mean(), 1.0, atol=tolerance)
-        without = NoiseModel(model.response, model.bins, model.sensor_std, FACE).noise(1.0, 0.0, 0.5)
+        without = NoiseShape(model.response, model.bins, model.sensor_std, FACE).noise(1.0, 0.0, 0.5)
         assert ((binned @ without.whiten.T)[:, there] ** 2).mean() > 1.2, "a covariance that forgets them"
         if rows == 1:
             size = np.sqrt((sample**2)[:, present].mean())
@@ -112,7 +112,7 @@ def test_a_walk_over_a_gap_is_no_larger_than_its_bow(response):
     std = 0.1 * np.sqrt(j * (rows + 1 - j) / (rows + 1))
     fill = np.zeros((ROWS, 2))
     fill[at : at + rows, 0] = std
-    gap = filled_gaps(fill, 0.0, response, Bins(jnp.zeros((ROWS, 3)), jnp.ones((ROWS, 3)), 1))[0].reshape(3, ROWS)
+    gap = gap_errors(fill, 0.0, response, Bins(jnp.zeros((ROWS, 3)), jnp.ones((ROWS, 3)), 1))[0].reshape(3, ROWS)
     made = np.zeros((600, ROWS, 3))
     for k, bridge in enumerate(bridges):
         error = np.zeros((ROWS, 2))
@@ -133,7 +133,7 @@ def test_a_filled_gap_does_not_pull_the_estimate():
     case = interval.case_of(errors, measured, readings)
     case = replace(case, choices=replace(case.choices, noise="stated"))
     filled = replace(case, record=replace(case.record, fill_std=fill))
-    forgot, counted = (wallid.estimate(one, None, wallid.large_model(one)) for one in (case, filled))
+    forgot, counted = (wallid.estimate(one, None, wallid.full_order_model(one)) for one in (case, filled))
     off = np.log(np.array([forgot.value, counted.value]) / interval.DIFFUSIVITY)
     assert abs(off[1]) < 4 * counted.std / counted.value < 0.1
     assert abs(off[0]) > 4 * abs(off[1]) and forgot.reduced_chi_square > 3 > counted.reduced_chi_square

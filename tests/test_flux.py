@@ -22,11 +22,11 @@ from wallid import plot
 from wallid.case.case_file import Choices
 from wallid.cli.commands import app
 from wallid.estimation.iso_9869 import average_method
-from wallid.inference.generalised_least_squares import settle
+from wallid.inference.generalised_least_squares import fit_generalised_least_squares
 from wallid.inference.nuisance_parameters import noise_within
-from wallid.inference.validity import told_range
+from wallid.inference.validity import distinguishable_range
 from wallid.models.flux_plates import untold_rows
-from wallid.models.plate_model import whole_model
+from wallid.models.plate_model import full_order_model_with_plates
 
 LENGTH, CONDUCTIVITY, CAPACITY = 0.3, 0.75, 1.5e6
 R, C = LENGTH / CONDUCTIVITY, LENGTH * CAPACITY
@@ -142,7 +142,7 @@ def test_the_first_half_predicts_the_second(both):
 
 
 def test_below_a_memory_as_long_as_the_window_nothing_is_told():
-    low, _ = told_range(case_of(), wallid.Window(0, ROWS))
+    low, _ = distinguishable_range(case_of(), wallid.Window(0, ROWS))
     assert low == pytest.approx(LENGTH**2 / (np.pi**2 * ROWS * STEP))
 
 
@@ -229,7 +229,7 @@ def test_a_window_may_have_plates_alone_or_sensors_alone():
     first, second, third = found.fits
     assert third is None and "no reading" in str(found)
     assert found.used == (0, 1) and [fit.has_flux for fit in (first, second)] == [True, False]
-    assert told_range(case, found.windows[0])[0] == pytest.approx(LENGTH**2 / (np.pi**2 * ROWS * STEP))
+    assert distinguishable_range(case, found.windows[0])[0] == pytest.approx(LENGTH**2 / (np.pi**2 * ROWS * STEP))
     assert abs(np.log(found.value / DIFFUSIVITY)) < 4 * found.mean.std
     near(found.thermal.resistance, R)
     assert found.thermal.resistance.value == pytest.approx(first.thermal.resistance.value, rel=1e-12)
@@ -302,9 +302,11 @@ def test_a_design_counts_fluxes_to_the_cramer_rao_bound(sensors):
     assert found.full and found.expected_error == full, "where there are plates, all counts unless told otherwise"
     assert "all that the interval counts" in str(found)
     if sensors:  # where a further one helps, and other steps, begin with what there is
-        assert wallid.sensor_places(case, places=[0.1]).std_before[0] == pytest.approx(full, rel=1e-9)
+        assert wallid.place_sensors(case, places=[0.1]).std_before[0] == pytest.approx(full, rel=1e-9)
         whole = bound(at_rest(gap=False), sensors=True, full=True)
-        assert wallid.sampling(case, factors=[1.0]).std[0] == pytest.approx(whole, rel=1e-2)
+        assert wallid.experiment_design.compare_sampling_steps(case, factors=[1.0]).std[0] == pytest.approx(
+            whole, rel=1e-2
+        )
     cut = wallid.design(case, restart=False)
     assert not cut.full and cut.expected_error == pytest.approx(plain, rel=1e-9), "one window: theta from its start"
 
@@ -314,8 +316,13 @@ def test_estimates_from_fluxes_scatter_as_the_design_expects():
     values = []
     for seed in range(12):
         case, window = case_of(seed=3, draw=seed, noise_model="stated"), wallid.Window(0, ROWS)
-        model, data = whole_model(case), wallid.experiment(case, window)
-        values.append(np.log(settle(case, window, data, model, DIFFUSIVITY, eta=1e-8).diffusivity / DIFFUSIVITY))
+        model, data = full_order_model_with_plates(case), wallid.models.window_data(case, window)
+        values.append(
+            np.log(
+                fit_generalised_least_squares(case, window, data, model, DIFFUSIVITY, eta=1e-8).diffusivity
+                / DIFFUSIVITY
+            )
+        )
     expected = wallid.design(case, diffusivities=[DIFFUSIVITY]).expected_error
     low, high = chi2.ppf([0.001, 0.999], 12)
     assert low < np.sum(np.square(values)) / expected**2 < high
@@ -328,8 +335,8 @@ def test_a_reduced_model_learns_fluxes_and_answers_for_its_error(both):
     learned = wallid.learn(case, window, 8, plates=True).system
     assert learned.output_names == ("T1", "flux_left", "flux_right")
     still = at_rest(gap=False)
-    data, scale = wallid.experiment(still), wallid.scales(still)
-    u = np.asarray(wallid.explicit(learned, scale.fourier(DIFFUSIVITY), data)[0])
+    data, scale = wallid.models.window_data(still), wallid.case.scales(still)
+    u = np.asarray(wallid.models.explicit(learned, scale.fourier(DIFFUSIVITY), data)[0])
     through = CONDUCTIVITY / LENGTH * scale.temperature * u[:, 1:]
     truth = np.column_stack(list(still.record.regressors.values()))
     assert np.abs(through - truth)[1:].max() < 0.2 * NOISE

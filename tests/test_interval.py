@@ -20,14 +20,14 @@ import wallid
 from wallid.case.initial_profile import profile_degree, scales
 from wallid.cli.commands import app
 from wallid.estimation import conclusion as conclude
-from wallid.inference.noise_covariance import NoiseModel, bins_of, thinned
+from wallid.inference.noise_covariance import NoiseShape, bins_of, thinned
 from wallid.inference.nuisance_parameters import noise_within
-from wallid.inference.position_errors import faces_elsewhere
-from wallid.inference.validity import told_range
+from wallid.inference.position_errors import face_position_response
+from wallid.inference.validity import distinguishable_range
 from wallid.inference.whittle_likelihood import dct_spectrum, edge_spectrum
-from wallid.models.finite_volume_wall import Output, lom
+from wallid.models.finite_volume_wall import Output, finite_volume_model
 from wallid.models.sensitivity_equations import run
-from wallid.models.window_inputs import experiment
+from wallid.models.window_inputs import window_data
 
 STATED = {"noise": "stated"}
 
@@ -41,7 +41,7 @@ def drawn(kind, seed, **choices):
 
 
 def estimated(case, **options):
-    return wallid.estimate(case, None, wallid.large_model(case), **options)
+    return wallid.estimate(case, None, wallid.full_order_model(case), **options)
 
 
 def test_the_truths_own_series_is_the_analytic_slab():
@@ -127,7 +127,7 @@ def test_what_a_faces_place_does_to_the_readings():
     case, *_ = drawn("white", 1)
     case, std, step = replace(case, record=replace(case.record, face_position_std=0.01)), 0.01, 1e-5
     window, length, alpha = wallid.Window(0, interval.ROWS), case.wall.length, 6e-7
-    data = experiment(case, window)
+    data = window_data(case, window)
     outputs = [Output(sensor.position, name=sensor.name) for sensor in case.sensors] + [Output(0.0, "flux")]
 
     def run_between(left, right):
@@ -135,12 +135,15 @@ def test_what_a_faces_place_does_to_the_readings():
         moved = [replace(one, position=one.position - left if one.position else 0.0) for one in outputs]
         fourier = jnp.asarray(scales(case).fourier(alpha) * (length / wall.length) ** 2)
         found = (
-            data.temperature * run(lom(wall, moved, nodes=61, profile_degree=profile_degree(case)), fourier, data)[0]
+            data.temperature
+            * run(finite_volume_model(wall, moved, nodes=61, profile_degree=profile_degree(case)), fourier, data)[0]
         )
         return found.at[:, -1].multiply(length / wall.length)  # k over the length
 
     seen = [*outputs, *(Output(sensor.position, "gradient") for sensor in case.sensors)]
-    found = faces_elsewhere(case, data, alpha, lom(case.wall, seen, nodes=61, profile_degree=profile_degree(case)))
+    found = face_position_response(
+        case, data, alpha, finite_volume_model(case.wall, seen, nodes=61, profile_degree=profile_degree(case))
+    )
     for face in (0, 1):
         ends = [run_between(*(np.arange(2) == face) * one) for one in (step, -step)]
         want = std * (ends[0] - ends[1]) / (2 * step)
@@ -229,7 +232,7 @@ def test_where_nothing_moves_the_interval_reaches_the_bound():
     rng = np.random.default_rng(1)
     case = interval.case_of(errors, still, 15 + errors.sensor * rng.standard_normal((interval.ROWS, 3)))
     fit = estimated(case)
-    low, high = told_range(case, wallid.Window(0, interval.ROWS))
+    low, high = distinguishable_range(case, wallid.Window(0, interval.ROWS))
     assert not fit.reliable and fit.bootstrap is None
     assert fit.interval_kind == "profile likelihood"
     assert fit.interval_95[0] < 2 * low or fit.interval_95[1] > 0.5 * high
@@ -270,7 +273,7 @@ def test_readings_far_apart_are_thinned_and_not_taken_for_means():
     assert apart == 120 and bins.rows == 120
     response = np.full((2, 2881, 2), 1e-3)
     thin, few = thinned(response, bins, apart)
-    R = NoiseModel(thin, few, np.array([0.1, 0.2]), 0.05).noise(1.0, 0.0, 0.5).covariance
+    R = NoiseShape(thin, few, np.array([0.1, 0.2]), 0.05).noise(1.0, 0.0, 0.5).covariance
     assert R.shape == (50, 50)
     # the last reading sees the noise of all rows before, each with 1e-3, from two faces
     assert R[24, 24] == pytest.approx(0.1**2 + 2 * 2881 * (0.05 * 1e-3) ** 2, rel=0.05)
@@ -278,16 +281,16 @@ def test_readings_far_apart_are_thinned_and_not_taken_for_means():
 
 def test_the_range_that_a_window_can_tell():
     case, *_ = drawn("white", 0)
-    low, high = told_range(case, wallid.Window(0, 72))
+    low, high = distinguishable_range(case, wallid.Window(0, 72))
     assert low < 1e-8 and high > 1e-5, "far on both sides of any wall"
     exact = replace(case, sensors=tuple(replace(sensor, noise_std=1e-4) for sensor in case.sensors))
-    low, high = told_range(exact, wallid.Window(0, 72))
-    assert told_range(exact, wallid.Window(0, 36))[0] == pytest.approx(2 * low)
+    low, high = distinguishable_range(exact, wallid.Window(0, 72))
+    assert distinguishable_range(exact, wallid.Window(0, 36))[0] == pytest.approx(2 * low)
     # a face that hardly moves must come farther to be more than noise
     quiet = replace(exact, record=replace(exact.record, faces=20 + 1e-4 * (exact.record.faces - 20)))
-    assert told_range(quiet, wallid.Window(0, 72))[0] > 3 * low
+    assert distinguishable_range(quiet, wallid.Window(0, 72))[0] > 3 * low
     still = replace(exact, record=replace(exact.record, faces=np.full_like(exact.record.faces, 20.0)))
-    assert low < told_range(still, wallid.Window(0, 72))[0] < 100 * low
+    assert low < distinguishable_range(still, wallid.Window(0, 72))[0] < 100 * low
 
 
 @pytest.mark.parametrize(

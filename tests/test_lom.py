@@ -18,7 +18,7 @@ def space_error(nodes, points):
     """Largest error over 12 h; rows so fine that the inputs' straight lines do not show."""
     t = np.arange(0, 43201, 5.0)
     want, _ = slab_response(np.array(points), t, length=LENGTH, diffusivity=ALPHA, harmonics=((OMEGA, 0.0, 1.0),))
-    got, _ = wallid.propagate(
+    got, _ = wallid.models.propagate(
         slab(nodes, points=points).modal(), fourier(ALPHA), 5 / DAY, faces(np.sin(OMEGA * t)), jnp.zeros(1)
     )
     return np.abs(got - want).max()
@@ -117,11 +117,11 @@ def test_layered_wall_against_an_independent_solution():
 
     want, want_flux = layered_by_scipy(points, t, left)
     wall = wallid.Wall(length=0.35, diffusivity_prior=1e-6, layers=LAYERS)
-    outputs = [*(wallid.Output(x) for x in points), wallid.Output(0.0, "flux")]
+    outputs = [*(wallid.models.Output(x) for x in points), wallid.models.Output(0.0, "flux")]
     resistance = sum(layer.thickness / layer.conductivity for layer in LAYERS)
     capacity = sum(layer.thickness * layer.heat_capacity for layer in LAYERS)
-    system = wallid.lom(wall, outputs, nodes=181, profile_degree=0).modal()
-    got, _ = wallid.propagate(system, DAY / (resistance * capacity), 600 / DAY, faces(left(t)), jnp.zeros(1))
+    system = wallid.models.finite_volume_model(wall, outputs, nodes=181, profile_degree=0).modal()
+    got, _ = wallid.models.propagate(system, DAY / (resistance * capacity), 600 / DAY, faces(left(t)), jnp.zeros(1))
     assert np.abs(got[:, :4] - want).max() < 5e-4
     # the first hours hold the jump in the face's slope, which both meshes see differently
     flux = np.asarray(got[:, 4]) / resistance
@@ -134,7 +134,7 @@ def test_equal_layers_are_the_homogeneous_wall():
     np.testing.assert_allclose(one.static_gain(), two.static_gain(), atol=1e-12)
     inputs = faces(np.sin(np.arange(60) / 5.0), np.cos(np.arange(60) / 7.0))
     initial = jnp.asarray([0.5, -0.2, 0.4])
-    first, second = (wallid.propagate(s.modal(), 0.3, 0.04, inputs, initial)[0] for s in (one, two))
+    first, second = (wallid.models.propagate(s.modal(), 0.3, 0.04, inputs, initial)[0] for s in (one, two))
     # the grids share cells differently, so they agree to their own error
     assert np.abs(first - second).max() < 2e-3
 
@@ -142,7 +142,9 @@ def test_equal_layers_are_the_homogeneous_wall():
 def test_steady_flux_is_conductance_times_difference_in_every_layer():
     wall = wallid.Wall(length=0.35, diffusivity_prior=1e-6, layers=LAYERS)
     places = (0.0, 0.05, 0.1, 0.2, 0.33, 0.35)
-    system = wallid.lom(wall, [wallid.Output(x, "flux") for x in places], nodes=61, profile_degree=0)
+    system = wallid.models.finite_volume_model(
+        wall, [wallid.models.Output(x, "flux") for x in places], nodes=61, profile_degree=0
+    )
     # k_eff/L times the difference: 1 in the flux's own unit, the same everywhere
     np.testing.assert_allclose(system.static_gain() @ np.array([1.0, 0.0]), 1.0, rtol=1e-10)
 
@@ -150,12 +152,12 @@ def test_steady_flux_is_conductance_times_difference_in_every_layer():
 def test_heat_is_conserved():
     """What enters through both faces is stored: the integral of the fluxes is the change of the mean."""
     rows = np.arange(0, 3.0001, 1 / 480)
-    outputs = [wallid.Output(0.0, "flux"), wallid.Output(LENGTH, "flux")]
-    inner = [wallid.Output(x) for x in np.linspace(0, LENGTH, 201)]
+    outputs = [wallid.models.Output(0.0, "flux"), wallid.models.Output(LENGTH, "flux")]
+    inner = [wallid.models.Output(x) for x in np.linspace(0, LENGTH, 201)]
     wall = wallid.Wall(length=LENGTH, diffusivity_prior=5e-7)
-    system = wallid.lom(wall, [*outputs, *inner], nodes=201, profile_degree=0).modal()
+    system = wallid.models.finite_volume_model(wall, [*outputs, *inner], nodes=201, profile_degree=0).modal()
     fo = 0.4
-    u, _ = wallid.propagate(system, fo, rows[1], faces(1 - np.cos(rows), np.sin(rows) ** 2), jnp.zeros(1))
+    u, _ = wallid.models.propagate(system, fo, rows[1], faces(1 - np.cos(rows), np.sin(rows) ** 2), jnp.zeros(1))
     u = np.asarray(u)
     stored = np.trapezoid(u[:, 2:], dx=1 / 200, axis=1)
     entered = fo * np.concatenate(
@@ -168,8 +170,8 @@ def test_mirror_symmetry():
     points = (0.06, 0.22)
     mirrored = tuple(LENGTH - x for x in points)
     q = faces(np.sin(np.arange(40) / 3.0), 0.3)
-    one, _ = wallid.propagate(slab(30, points=points).modal(), 0.5, 0.03, q, jnp.zeros(1))
-    two, _ = wallid.propagate(slab(30, points=mirrored).modal(), 0.5, 0.03, q[:, ::-1].copy(), jnp.zeros(1))
+    one, _ = wallid.models.propagate(slab(30, points=points).modal(), 0.5, 0.03, q, jnp.zeros(1))
+    two, _ = wallid.models.propagate(slab(30, points=mirrored).modal(), 0.5, 0.03, q[:, ::-1].copy(), jnp.zeros(1))
     np.testing.assert_allclose(one, two, atol=1e-12)
 
 
@@ -177,7 +179,7 @@ def test_maximum_principle():
     """Inside never warmer than the warmest face or start so far."""
     rng = np.random.default_rng(0)
     q = rng.uniform(0, 1, (80, 2))
-    u, _ = wallid.propagate(slab(40).modal(), 0.5, 0.05, q, jnp.asarray([0.5]))
+    u, _ = wallid.models.propagate(slab(40).modal(), 0.5, 0.05, q, jnp.asarray([0.5]))
     assert u.max() <= 1.0 and u.min() >= 0.0
 
 
@@ -199,6 +201,6 @@ def test_a_given_profile_of_any_degree():
     """A cubic start: the value at t = 0 is the profile itself."""
     system = slab(41, degree=3).modal()
     a = jnp.asarray([0.1, 0.4, -0.3, 0.8])
-    u, _ = wallid.propagate(system, 0.5, 0.01, faces(np.full(3, 0.1), 1.0), a)
+    u, _ = wallid.models.propagate(system, 0.5, 0.01, faces(np.full(3, 0.1), 1.0), a)
     x = np.array([0.1, 0.15, 0.25, 0.3, 0.45]) / LENGTH
     np.testing.assert_allclose(u[0], np.polynomial.polynomial.polyval(x, np.asarray(a)), atol=1e-12)

@@ -28,7 +28,9 @@ def largest_errors(large, reduced, course):
 
     def run(system):
         step = half_minutes()[1]
-        return jax.vmap(lambda fo: wallid.propagate(system, fo, step, inputs, jnp.zeros(1), sensitivity=True))(fos)
+        return jax.vmap(lambda fo: wallid.models.propagate(system, fo, step, inputs, jnp.zeros(1), sensitivity=True))(
+            fos
+        )
 
     return [np.abs(a - b).max() for a, b in zip(run(large), run(reduced), strict=True)]
 
@@ -48,7 +50,7 @@ def test_errors_on_a_face_signal_never_learned(large, learned, order, u, theta):
 
 def test_error_falls_with_order(large):
     signals = paper_signals()
-    errors = [one.eps_2[0] for one in wallid.sweep_orders(large, (1, 2, 3, 5), signals)]
+    errors = [one.eps_2[0] for one in wallid.reduction.sweep_orders(large, (1, 2, 3, 5), signals)]
     assert np.all(np.diff(errors) < 0)
 
 
@@ -57,10 +59,10 @@ def test_explicit_theta_equals_autodiff_of_the_reduced_model(learned):
     system = learned[5].system
     inputs, step = faces(unlearned_course()), half_minutes()[1]
     fo = jnp.asarray(fourier(4e-7))
-    _, theta = wallid.propagate(system, fo, step, inputs, jnp.zeros(1), sensitivity=True)
-    slope = jax.jvp(lambda f: wallid.propagate(system, f, step, inputs, jnp.zeros(1))[0], (fo,), (jnp.ones_like(fo),))[
-        1
-    ]
+    _, theta = wallid.models.propagate(system, fo, step, inputs, jnp.zeros(1), sensitivity=True)
+    slope = jax.jvp(
+        lambda f: wallid.models.propagate(system, f, step, inputs, jnp.zeros(1))[0], (fo,), (jnp.ones_like(fo),)
+    )[1]
     assert np.abs(theta - slope).max() < 1e-9 * np.abs(slope).max()
 
 
@@ -80,7 +82,7 @@ def both_faces(degree, alphas=(1e-7, 5e-7, 1e-6, 7e-6), length=0.43):
         if degree == 2:
             runs.append((fo, faces(0 * t, 1.0), np.array([0.0, 0.0, 1.0])))
     fos, inputs, initial = zip(*runs, strict=True)
-    return wallid.Signals(np.array(fos), 1 / 24.0, np.stack(inputs), np.stack(initial))
+    return wallid.reduction.TrainingSignals(np.array(fos), 1 / 24.0, np.stack(inputs), np.stack(initial))
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +98,7 @@ def test_it_carries_the_initial_state(wall_large):
     inputs = np.cumsum(rng.normal(0, 0.02, (200, 2)), axis=0) + np.array([0.8, 0.3])
     initial = jnp.asarray([0.7, 0.3, -0.7])
     fo = fourier(2e-6, 0.43)
-    want, got = (wallid.propagate(s, fo, 1 / 24.0, inputs, initial)[0] for s in (wall_large, reduced))
+    want, got = (wallid.models.propagate(s, fo, 1 / 24.0, inputs, initial)[0] for s in (wall_large, reduced))
     # the jump between profile and faces (0.1, which is 2 K) is right from the first row on
     assert np.abs(want - got)[0].max() < 5e-3
     assert np.abs(want - got)[1:].max() < 1e-5
@@ -105,7 +107,7 @@ def test_it_carries_the_initial_state(wall_large):
 def test_it_is_exact_at_rest_whatever_the_level(wall_large):
     """Constants and straight lines are steady states of both models."""
     reduced = modal_identification.learn_system(wall_large, 6, both_faces(2)).system
-    u, theta = wallid.propagate(
+    u, theta = wallid.models.propagate(
         reduced, 1.0, 0.05, faces(np.full(30, 40.0), 43.0), jnp.asarray([40.0, 3.0, 0.0]), sensitivity=True
     )
     np.testing.assert_allclose(u, np.tile(40.0 + 3.0 * np.array([0.05, 0.23, 0.40]) / 0.43, (30, 1)), atol=1e-11)
@@ -123,7 +125,7 @@ def test_the_layered_wall_learns_its_straight_line_too():
     signals = both_faces(1)
     with pytest.raises(ValueError, match="profile of degree 1"):
         modal_identification.learn_system(large, 6, signals)
-    line = wallid.Signals(
+    line = wallid.reduction.TrainingSignals(
         jnp.concatenate([signals.fourier, signals.fourier[:1]]),
         signals.step,
         jnp.concatenate([signals.inputs, jnp.asarray(faces(np.zeros(73), 1.0))[None]]),
@@ -131,7 +133,7 @@ def test_the_layered_wall_learns_its_straight_line_too():
     )
     reduced = modal_identification.learn_system(large, 10, line).system
     u, v = (
-        wallid.propagate(s, 0.4, 1 / 24.0, faces(np.zeros(73), 1.0), jnp.asarray([0.0, 1.0]))[0]
+        wallid.models.propagate(s, 0.4, 1 / 24.0, faces(np.zeros(73), 1.0), jnp.asarray([0.0, 1.0]))[0]
         for s in (large, reduced)
     )
     assert np.abs(u - v)[0].max() < 1e-3
@@ -160,7 +162,7 @@ def test_the_residuals_derivative_is_exact(wall_large):
 def test_orders_learned_together_are_those_learned_alone_and_compile_once(large, learned, monkeypatch):
     once = eqx.filter_jit(eqx.debug.assert_max_traces(modal_identification._search.__wrapped__, max_traces=1))
     monkeypatch.setattr(modal_identification, "_search", once)
-    third, fifth = wallid.sweep_orders(large, (3, 5), paper_signals())
+    third, fifth = wallid.reduction.sweep_orders(large, (3, 5), paper_signals())
     assert (third.system.order, fifth.system.order) == (3, 5)
     assert third.eps_inf[0] > fifth.eps_inf[0]
     alone = learned[5]
@@ -173,7 +175,7 @@ def test_orders_learned_together_are_those_learned_alone_and_compile_once(large,
 
 def test_an_order_that_the_large_model_cannot_give_is_refused_before_any_is_learned(large):
     with pytest.raises(wallid.InputError, match="order = 74"):
-        next(wallid.sweep_orders(large, (3, 74), paper_signals()))
+        next(wallid.reduction.sweep_orders(large, (3, 74), paper_signals()))
 
 
 def test_saved_and_loaded_as_one_file(tmp_path, learned):
@@ -183,7 +185,7 @@ def test_saved_and_loaded_as_one_file(tmp_path, learned):
     again = wallid.StateSpace.load(file)
     assert again.driven == system.driven and again.output_names == system.output_names
     q = faces(unlearned_course()[:100])
-    one, two = (wallid.propagate(s, 0.2, 0.01, q, jnp.zeros(1))[0] for s in (system, again))
+    one, two = (wallid.models.propagate(s, 0.2, 0.01, q, jnp.zeros(1))[0] for s in (system, again))
     np.testing.assert_array_equal(one, two)
     (tmp_path / "other.npz").write_bytes(b"not a model")
     with pytest.raises(ValueError, match="not a model saved by wallid"):
@@ -192,7 +194,9 @@ def test_saved_and_loaded_as_one_file(tmp_path, learned):
 
 def test_auto_order_stops_where_more_does_not_matter(large):
     tried = []
-    coarse = wallid.choose_order(large, paper_signals(), tolerance=1e-2, sensitivity_tolerance=0.1, on_try=tried.append)
+    coarse = wallid.reduction.choose_order(
+        large, paper_signals(), tolerance=1e-2, sensitivity_tolerance=0.1, on_try=tried.append
+    )
     assert coarse is tried[-1] and coarse.eps_inf[0] <= 1e-2
     assert all(one.eps_inf[0] > 1e-2 or one.eps_inf[1] > 0.1 for one in tried[:-1]) or len(tried) == 1
 
@@ -204,16 +208,18 @@ def test_impossible_orders_are_refused(large, order):
 
 
 def test_signals_that_move_nothing_are_refused(large):
-    still = wallid.Signals(fourier([5e-7]), 0.01, np.zeros((1, 20, 2)), np.zeros((1, 1)))
+    still = wallid.reduction.TrainingSignals(fourier([5e-7]), 0.01, np.zeros((1, 20, 2)), np.zeros((1, 1)))
     with pytest.raises(ValueError, match="nothing to learn from"):
         modal_identification.learn_system(large, 3, still)
 
 
 def test_a_constant_face_that_does_not_meet_the_start_is_a_step_to_learn_from(large):
-    step = wallid.Signals(fourier([3e-7, 6e-7]), 0.01, np.stack([faces(np.ones(100))] * 2), np.zeros((2, 1)))
+    step = wallid.reduction.TrainingSignals(
+        fourier([3e-7, 6e-7]), 0.01, np.stack([faces(np.ones(100))] * 2), np.zeros((2, 1))
+    )
     assert modal_identification.learn_system(large, 3, step).system.driven == (True, False)
 
 
 def test_auto_order_passes_its_choices_on(large):
-    free = wallid.choose_order(large, paper_signals(), tolerance=1e-2, sensitivity_tolerance=0.5, tied=False)
+    free = wallid.reduction.choose_order(large, paper_signals(), tolerance=1e-2, sensitivity_tolerance=0.5, tied=False)
     assert free.system.C_theta is not None

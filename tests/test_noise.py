@@ -178,15 +178,15 @@ def test_size_share_and_memory_are_found(hourly, kind, size, share, rho, spread)
     rng = np.random.RandomState(11)
     directions = waves(model, 6)
     found = [estimate_noise(model, drawn(model, kind, size, rng), directions) for _ in range(4)]
-    total = np.array([noise.white + noise.lasting for noise in found])
+    total = np.array([noise.white + noise.autocorrelated for noise in found])
     assert_allclose(np.sqrt(total.mean()), size, rtol=4 * spread)
-    lasting = np.mean([noise.lasting for noise in found]) / total.mean()
+    lasting = np.mean([noise.autocorrelated for noise in found]) / total.mean()
     if kind == "white":
         # what is taken for memory is small, or has none
-        assert np.mean([noise.lasting * noise.correlation for noise in found]) < 0.15 * size**2
+        assert np.mean([noise.autocorrelated * noise.correlation for noise in found]) < 0.15 * size**2
         return
     assert_allclose(lasting, share, atol=0.35 if kind == "mixed" else 0.3)
-    assert_allclose(np.mean([n.correlation * n.lasting for n in found]) / size**2, share * rho, atol=0.15)
+    assert_allclose(np.mean([n.correlation * n.autocorrelated for n in found]) / size**2, share * rho, atol=0.15)
 
 
 def test_an_effect_along_a_known_direction_does_not_pass_for_noise(hourly):
@@ -196,9 +196,9 @@ def test_an_effect_along_a_known_direction_does_not_pass_for_noise(hourly):
     directions = waves(model, 6)
     quiet = estimate_noise(model, residual, directions)
     loud = estimate_noise(model, residual + 5.0 * directions[2] - 3.0 * directions[-1], directions)
-    assert_allclose(loud.white + loud.lasting, quiet.white + quiet.lasting, rtol=0.01)
+    assert_allclose(loud.white + loud.autocorrelated, quiet.white + quiet.autocorrelated, rtol=0.01)
     blind = estimate_noise(model, residual + 5.0 * directions[2], directions[-1:])
-    assert blind.white + blind.lasting > 3.0, "otherwise it is noise"
+    assert blind.white + blind.autocorrelated > 3.0, "otherwise it is noise"
 
 
 def test_the_noise_says_what_it_is():

@@ -19,9 +19,9 @@ from wallid.case.initial_profile import fit_profile
 from wallid.case.record_check import check as check_record
 from wallid.case.time_window import Window
 from wallid.estimation.result_objects import Estimate
-from wallid.models.window_inputs import large_model
+from wallid.models.window_inputs import full_order_model
 from wallid.plot.house_style import KEEP
-from wallid.reduction.modal_identification import Learned
+from wallid.reduction.modal_identification import LearnedModel
 from wallid.report import captions
 from wallid.report import writer as report
 from wallid.report.captions import alternative, caption
@@ -218,7 +218,7 @@ def test_only_what_is_shown_is_told(run, fit):
     assert "shaded" in alternative("record", found) and "yellow band" in caption("record", found)
     checked = Run(run.case, check=check_record(run.case))
     assert "orange where a face was interpolated" in caption("record", checked)
-    learned = Learned(large_model(run.case), (1e-4, 2e-3), (1e-3, 2e-2), 1.0, 1)
+    learned = LearnedModel(full_order_model(run.case), (1e-4, 2e-3), (1e-3, 2e-2), 1.0, 1)
     assert "order 99: 1.0 × 10⁻³ (temperature), 2.0 × 10⁻² (sensitivity)" in alternative(
         "orders", Run(run.case, orders=[learned])
     )
@@ -226,7 +226,7 @@ def test_only_what_is_shown_is_told(run, fit):
 
 def test_orders_tried_on_the_way_are_told(run, monkeypatch):
     """What "auto" goes through is an error against order that costs nothing more."""
-    tried = Learned(large_model(run.case), (1e-4, 2e-3), (1e-3, 2e-2), 1.0, 1)
+    tried = LearnedModel(full_order_model(run.case), (1e-4, 2e-3), (1e-3, 2e-2), 1.0, 1)
 
     def learn(case, window, *, integrator, on_try):
         on_try(tried)

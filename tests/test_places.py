@@ -51,7 +51,7 @@ def case():
 
 @pytest.fixture(scope="module")
 def found(case):
-    return wallid.sensor_places(case, places=CANDIDATES, count=2)
+    return wallid.place_sensors(case, places=CANDIDATES, count=2)
 
 
 def truth(case, places, stride=1, alpha=ALPHA):
@@ -142,23 +142,23 @@ def test_with_one_parameter_they_are_one(case):
 
 @pytest.mark.parametrize(("criterion", "of"), [("D", "all"), ("A", "constants"), ("E", "all")])
 def test_a_sensor_never_tells_less(case, criterion, of):
-    found = wallid.sensor_places(case, places=CANDIDATES, criterion=criterion, of=of)
+    found = wallid.place_sensors(case, places=CANDIDATES, criterion=criterion, of=of)
     assert np.all(found.gain >= 1 - 1e-9) and np.all(found.std[0] <= found.std_before[:, None] * (1 + 1e-9))
 
 
 def test_a_symmetric_wall_has_symmetric_places():
     case = case_of(still_at_first(symmetric=True), (0.2, 0.2001))
-    found = wallid.sensor_places(case, places=(0.06, 0.15, 0.2, 0.25, 0.34))
+    found = wallid.place_sensors(case, places=(0.06, 0.15, 0.2, 0.25, 0.34))
     assert_allclose(found.std[0, 0], found.std[0, 0, ::-1], rtol=1e-3)  # the second sensor is 0.1 mm off
 
 
 def test_robust_over_the_diffusivity(case):
     alphas = (ALPHA, ALPHA / 4, 4 * ALPHA)
-    each = [wallid.sensor_places(case, places=CANDIDATES, diffusivities=[alpha]) for alpha in alphas]
+    each = [wallid.place_sensors(case, places=CANDIDATES, diffusivities=[alpha]) for alpha in alphas]
     sizes = np.array([one.after[0, 0] for one in each])
     share = sizes / sizes.max(axis=1, keepdims=True)
     for robust, over in (("expected", np.exp(np.log(share).mean(axis=0))), ("worst", share.min(axis=0))):
-        found = wallid.sensor_places(case, places=CANDIDATES, diffusivities=alphas, robust=robust)
+        found = wallid.place_sensors(case, places=CANDIDATES, diffusivities=alphas, robust=robust)
         assert_allclose(found.merit(), over)
         assert found.best == CANDIDATES[int(np.argmax(over))]
     design = wallid.design(case, window_days=1, robust="worst")
@@ -169,7 +169,7 @@ def test_robust_over_the_diffusivity(case):
 
 def test_a_rarer_row_tells_less(case):
     whole = case_of(still_at_first())
-    found = wallid.sampling(whole, factors=(0.5, 1, 2, 3))
+    found = wallid.experiment_design.compare_sampling_steps(whole, factors=(0.5, 1, 2, 3))
     assert_allclose(found.steps, [1800, 3600, 7200, 10800])
     for k, stride in ((1, 1), (2, 2), (3, 3)):
         assert found.std[k] == pytest.approx(truth_std(whole, THERE, stride=stride), rel=5e-3)
@@ -201,11 +201,11 @@ def test_choices_that_cannot_be_are_named(case):
     for message, call in (
         ("full", lambda: wallid.design(case, of="all")),
         ("restart", lambda: wallid.design(case, full=True, restart=False)),
-        ("places", lambda: wallid.sensor_places(case, places=[0.5])),
-        ("count", lambda: wallid.sensor_places(case, count=0)),
-        ("diffusivities", lambda: wallid.sensor_places(case, diffusivities=[0.0])),
-        ("factors", lambda: wallid.sampling(case, factors=[1.5, 0.3])),
-        ("no .*sensor", lambda: wallid.sensor_places(replace_sensors(case))),
+        ("places", lambda: wallid.place_sensors(case, places=[0.5])),
+        ("count", lambda: wallid.place_sensors(case, count=0)),
+        ("diffusivities", lambda: wallid.place_sensors(case, diffusivities=[0.0])),
+        ("factors", lambda: wallid.experiment_design.compare_sampling_steps(case, factors=[1.5, 0.3])),
+        ("no .*sensor", lambda: wallid.place_sensors(replace_sensors(case))),
     ):
         with pytest.raises(wallid.InputError, match=message):
             call()
@@ -219,21 +219,21 @@ def replace_sensors(case):
 
 def test_where_nothing_moves_no_sensor_helps():
     still = case_of(np.full((ROWS, 2), 15.0))
-    assert "no further sensor" in str(wallid.sensor_places(still, places=CANDIDATES))
-    assert "no step would tell" in str(wallid.sampling(still, factors=(0.5, 1, 2, 3)))
+    assert "no further sensor" in str(wallid.place_sensors(still, places=CANDIDATES))
+    assert "no step would tell" in str(wallid.experiment_design.compare_sampling_steps(still, factors=(0.5, 1, 2, 3)))
 
 
 def test_a_dead_sensor_tells_nothing(case):
     """As if it were not there."""
     dead = case_of(still_at_first(), missing=[(row, 1) for row in range(ROWS)])
     alone = case_of(still_at_first(), THERE[:1])
-    found = wallid.sensor_places(dead, places=CANDIDATES[:4])
-    assert_allclose(found.std, wallid.sensor_places(alone, places=CANDIDATES).std[:, :, :4], rtol=1e-6)
+    found = wallid.place_sensors(dead, places=CANDIDATES[:4])
+    assert_allclose(found.std, wallid.place_sensors(alone, places=CANDIDATES).std[:, :, :4], rtol=1e-6)
 
 
 def test_longer_windows_in_full(case):
     """The same numbers as a design of each length has, from one run of the longest."""
-    found = wallid.lengths(case, [1.0, 3.0], lambda window: 1.0, full=True)
+    found = wallid.experiment_design.compare_lengths(case, [1.0, 3.0], lambda window: 1.0, full=True)
     one, three = (wallid.design(case, window_days=days, every_rows=24, full=True) for days in (1, 3))
     want = one.information[0, [0, 1, 2]].max() / three.information[0, 0]
     assert found.criterion[0] == pytest.approx(want, rel=1e-6) and found.criterion[1] == 1.0

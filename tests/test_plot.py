@@ -16,11 +16,11 @@ from wallid import plot
 from wallid.case.initial_profile import fit_profile
 from wallid.case.time_window import Window
 from wallid.case.wall_and_sensors import Layer
-from wallid.estimation.heat_flux import Thermal
-from wallid.estimation.prediction import Loads, Reliability
+from wallid.estimation.heat_flux import ThermalProperties
+from wallid.estimation.prediction import Loads, Prediction
 from wallid.estimation.result_objects import Estimate
-from wallid.experiment_design.sampling_step import Sampling
-from wallid.experiment_design.window_lengths import Lengths
+from wallid.experiment_design.sampling_step import SamplingComparison
+from wallid.experiment_design.window_lengths import LengthComparison
 from wallid.experiment_design.window_selection import Design
 from wallid.plot import house_style as _style
 from wallid.plot.legends import shortened
@@ -143,7 +143,7 @@ def _reliability(case):
     rng = np.random.default_rng(1)
     noise = rng.normal(0.0, 0.1, measured.shape)
     sigma = rng.uniform(0.1, 0.4, measured.shape)
-    return Reliability(days, case.record.names, measured, measured + 5 * noise, measured + noise, sigma, 0.1, None)
+    return Prediction(days, case.record.names, measured, measured + 5 * noise, measured + noise, sigma, 0.1, None)
 
 
 DESIGN = Design(
@@ -151,8 +151,8 @@ DESIGN = Design(
     information=np.random.default_rng(0).uniform(0.1, 1.0, (4, 20)), best=Window(24, 72), restart=True, step=3600.0,
     labels=("", ""),
 )  # fmt: skip
-LENGTHS = Lengths(np.array([1.0, 2.0, 3.0]), np.array([0.2, 0.6, 1.0]), np.array([4e-4, np.nan, 5e-4]))
-SAMPLING = Sampling(
+LENGTHS = LengthComparison(np.array([1.0, 2.0, 3.0]), np.array([0.2, 0.6, 1.0]), np.array([4e-4, np.nan, 5e-4]))
+SAMPLING = SamplingComparison(
     steps=np.array([900.0, 3600.0, 7200.0]), rows=np.array([400, 100, 50]), std=np.array([0.01, 0.02, 0.03]),
     shift=np.array([0.0, 0.0, 0.002]), own=3600.0, diffusivity=1e-6, labels=("", ""),
 )  # fmt: skip
@@ -284,7 +284,7 @@ def test_measured_flux_is_seen_over_the_simulated(ax, case):
         fit,
         predicted=np.column_stack([fit.predicted, faces.regressors["flux_left"][168:240]]),
         residual=np.zeros((72, 4)),
-        thermal=Mock(spec=Thermal, gains={"left": (0.0, 0.1)}, conductivity=Mock(value=1.0, std=0.05)),
+        thermal=Mock(spec=ThermalProperties, gains={"left": (0.0, 0.1)}, conductivity=Mock(value=1.0, std=0.05)),
     )
     plot.measured_flux(ax, replace(case, record=faces), fit, 0)
     lines = {line.get_label(): line for line in ax.lines}

@@ -12,12 +12,12 @@ from numpy.testing import assert_allclose
 from scipy.stats import kstest
 from studies import SPEC, prepare, slot_of, trimmed
 
-from wallid.discrepancy.cross_validation import compare, held_out, windows
+from wallid.discrepancy.cross_validation import cross_validate, held_out, windows
 from wallid.discrepancy.effect_fit import refit
-from wallid.discrepancy.problem import Study
+from wallid.discrepancy.problem import DiagnosisProblem
 from wallid.discrepancy.residual_noise import NoiseModel
-from wallid.discrepancy.residual_tests import chance, locate
-from wallid.discrepancy.score_test import Candidate, Outlook, look, screen
+from wallid.discrepancy.residual_tests import chance, test_residual
+from wallid.discrepancy.score_test import Candidate, CandidateJacobian, candidate_jacobian, screen
 
 OFFSET = 0.25
 HOURLY = replace(
@@ -41,7 +41,7 @@ class Ranked:
         start = self.study.neutral
         self.noise = NoiseModel(self.study, start).noise(1.0, 0.0, 0.8)
         self.base = refit(self.study, (), start, self.noise)
-        self.outlook = look(self.study, self.base)
+        self.outlook = candidate_jacobian(self.study, self.base)
         self.screen = screen(self.base, self.outlook, np.random.default_rng(0))
 
     def white(self, place):
@@ -150,7 +150,7 @@ def made_up(ranked, columns, names=("sensor_offset", "sensor_gain", "sensor_drif
     targets = ("T2", "T2", "T2", None)
     slots = [slot_of(ranked.study, name, target) for name, target in zip(names, targets, strict=True)]
     candidates = tuple(Candidate(slot, {}) for slot, _ in zip(slots, columns, strict=False))
-    return screen(ranked.base, Outlook(candidates, np.array(columns)), np.random.default_rng(1))
+    return screen(ranked.base, CandidateJacobian(candidates, np.array(columns)), np.random.default_rng(1))
 
 
 def test_what_the_record_cannot_tell_apart_is_no_pair(ranked):
@@ -211,14 +211,14 @@ def drawn(ranked, rng):
 
 def test_the_omnibus_test_is_fair_and_sees_a_slow_wave(ranked):
     rng = np.random.default_rng(7)
-    found = [locate(replace(ranked.base, residual=drawn(ranked, rng))) for _ in range(120)]
+    found = [test_residual(replace(ranked.base, residual=drawn(ranked, rng))) for _ in range(120)]
     p = [rest.p_value for rest in found]
     assert kstest(p, "uniform").pvalue > 1e-3
     bins = len(ranked.noise.whiten) // 2
     wave = np.concatenate([0.05 * np.sin(4 * np.pi * np.arange(bins) / bins), np.zeros(bins)])
     residual = drawn(ranked, rng)
     residual[: 2 * bins] += ranked.noise.whiten @ wave
-    slow = locate(replace(ranked.base, residual=residual))
+    slow = test_residual(replace(ranked.base, residual=residual))
     assert slow.p_value < 1e-4
     assert np.corrcoef(slow.smooth[:, 0], wave[:bins])[0, 1] > 0.8, "the wave itself"
 
@@ -230,7 +230,7 @@ def test_the_omnibus_tests_see_a_diffusivity_that_comes_and_goes(ranked):
     days = np.tile((np.arange(bins) + 0.5) / 24, 2)
     residual = drawn(ranked, rng)
     residual[: 2 * bins] += ranked.noise.whiten @ (0.15 * sensitivity * np.sin(np.pi * days))
-    assert locate(replace(ranked.base, residual=residual)).p_value < 1e-3
+    assert test_residual(replace(ranked.base, residual=residual)).p_value < 1e-3
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.1, 0.4])
@@ -251,7 +251,7 @@ def test_where_the_remainder_sits(ranked):
     rest[30, 0] = np.nan
     placed = replace(fit)
     placed.__dict__["remainder"] = rest
-    found = locate(placed)
+    found = test_residual(placed)
     assert list(found.by_sensor) == ["T1", "T2"]
     assert found.by_sensor["T2"] == pytest.approx(0.2 / np.sqrt(8))
     assert_allclose(found.by_hour[:, 0], 0.1 * (np.arange(24) == 7), atol=1e-15)
@@ -266,7 +266,7 @@ def test_where_the_remainder_sits(ranked):
 def lasting(days, step):
     """A study of which only the record's rows are there."""
     time = np.arange(round(days * DAY / step)) * step
-    study = object.__new__(Study)
+    study = object.__new__(DiagnosisProblem)
     object.__setattr__(study, "record", SimpleNamespace(time=time, duration=float(time[-1]), step=float(time[1])))
     return study
 
@@ -305,13 +305,13 @@ def test_a_short_record_holds_nothing_out():
 def test_the_gap_on_days_held_out_shrinks_with_the_offset_in(ranked):
     slot = slot_of(ranked.study, "sensor_offset", "T2")
     after = refit(ranked.study, (slot,), ranked.base.theta, ranked.noise)
-    gap = compare(ranked.base, after)
+    gap = cross_validate(ranked.base, after)
     assert gap.before > gap.after and gap.held_out_before > 1.2 * gap.held_out_after
     # readings 0.05 K each, and what passes of the faces' 0.03 K; 384 of them, 4 sigma
     assert_allclose([gap.after, gap.held_out_after], gap.floor, rtol=0.15)
     assert 0.05 < gap.floor < np.hypot(0.05, 0.03)
     assert gap.left < 0.5
-    same = compare(ranked.base, ranked.base)
+    same = cross_validate(ranked.base, ranked.base)
     assert same.held_out_before == same.held_out_after and same.before == same.after == gap.before
     found = windows(after, slot)
     assert_allclose(found.days, [1, 3, 5, 7])

@@ -17,25 +17,25 @@ def case():
 
 @pytest.fixture(scope="module")
 def fit(case):
-    return wallid.estimate(case, wallid.Window(100, 72), wallid.large_model(case))
+    return wallid.estimate(case, wallid.Window(100, 72), wallid.full_order_model(case))
 
 
 @pytest.fixture(scope="module")
 def found(case, fit):
-    return wallid.reliability(case, fit)
+    return wallid.predict(case, fit)
 
 
 def by_scipy(case, alpha, outputs):
-    scale = wallid.scales(case)
-    system = wallid.lom(case.wall, outputs, nodes=case.choices.nodes)
-    initial = dimensionless_profile(wallid.fit_profile(case, 0).coefficients, scale)
+    scale = wallid.case.scales(case)
+    system = wallid.models.finite_volume_model(case.wall, outputs, nodes=case.choices.nodes)
+    initial = dimensionless_profile(wallid.case.fit_profile(case, 0).coefficients, scale)
     inputs = (case.record.faces - scale.temperature_min) / scale.temperature
     u, _ = scipy_field_and_sensitivity(system, scale.fourier(alpha), case.record.time / 86400.0, inputs, initial)
     return u, scale
 
 
 def test_the_whole_record_is_predicted_with_prior_and_estimate(case, fit, found):
-    sensors = [wallid.Output(sensor.position) for sensor in case.sensors]
+    sensors = [wallid.models.Output(sensor.position) for sensor in case.sensors]
     for alpha, have in ((2.8e-7, found.prior), (fit.value, found.predicted)):
         u, scale = by_scipy(case, alpha, sensors)
         np.testing.assert_allclose(have, scale.temperature_min + scale.temperature * u, atol=1e-9)
@@ -49,7 +49,7 @@ def test_estimate_beats_prior(found):
 
 def test_flux_and_loads_at_the_inner_face(case, fit, found):
     """j = -k dT/dx at x = 0 (inside), E its integral, at fixed conductivity."""
-    u, scale = by_scipy(case, fit.value, [wallid.Output(0.0, "flux")])
+    u, scale = by_scipy(case, fit.value, [wallid.models.Output(0.0, "flux")])
     flux = u[:, 0] * 1.75 * scale.temperature / case.wall.length
     # the first row holds the jump between face and profile, at the mesh's mercy
     assert np.isnan(found.loads.flux[0])
@@ -69,20 +69,20 @@ def test_a_mirrored_wall_has_the_mirrored_load(case, fit, found):
         sensors=tuple(replace(sensor, position=case.wall.length - sensor.position) for sensor in case.sensors),
         record=replace(case.record, faces=case.record.faces[:, ::-1].copy()),
     )
-    again = wallid.reliability(turned, fit)
+    again = wallid.predict(turned, fit)
     np.testing.assert_allclose(again.predicted, found.predicted, atol=1e-9)
     np.testing.assert_allclose(again.loads.energy, -found.loads.energy, rtol=1e-9)
 
 
 def test_without_conductivity_it_says_what_to_do(case, fit):
-    bare = wallid.reliability(replace(case, wall=replace(case.wall, conductivity=None)), fit)
+    bare = wallid.predict(replace(case, wall=replace(case.wall, conductivity=None)), fit)
     assert bare.loads is None
     assert "conductivity" in str(bare)
 
 
 def test_the_papers_sigma(case, fit, found):
     """sqrt(sigma_m^2 + (dT/dx delta_x)^2) with the model's own gradient."""
-    u, scale = by_scipy(case, fit.value, [wallid.Output(0.23 - 1e-4), wallid.Output(0.23 + 1e-4)])
+    u, scale = by_scipy(case, fit.value, [wallid.models.Output(0.23 - 1e-4), wallid.models.Output(0.23 + 1e-4)])
     gradient = (u[:, 1] - u[:, 0]) * scale.temperature / 2e-4
     want = np.sqrt(0.1**2 + (gradient * 0.02) ** 2)
     np.testing.assert_allclose(found.sigma[:, 1], want, rtol=1e-4)
@@ -90,7 +90,7 @@ def test_the_papers_sigma(case, fit, found):
 
 
 def test_offsets_of_the_estimate_are_in_the_prediction(case, fit, found):
-    shifted = wallid.reliability(case, replace(fit, offsets={"T2": (0.25, 0.01)}))
+    shifted = wallid.predict(case, replace(fit, offsets={"T2": (0.25, 0.01)}))
     np.testing.assert_allclose(
         shifted.predicted - found.predicted, np.tile([0.0, 0.25, 0.0], (case.record.rows, 1)), atol=1e-12
     )

@@ -66,7 +66,7 @@ def test_exact_solver_against_lsim_on_the_validation_case():
     inputs = faces(5 * np.sin(2 * np.pi * time) / T_REF)
     fo = fourier(5.21e-7)
     want = scipy_field_and_sensitivity(system, fo, time, inputs, np.zeros(1))
-    got = wallid.propagate(system.modal(), fo, time[1], inputs, jnp.zeros(1), sensitivity=True)
+    got = wallid.models.propagate(system.modal(), fo, time[1], inputs, jnp.zeros(1), sensitivity=True)
     for have, reference in zip(got, want, strict=True):
         assert np.abs(have - reference).max() < 1e-10
 
@@ -80,7 +80,7 @@ def test_a_jump_between_profile_and_faces_is_solved(modal):
     initial = jnp.asarray([0.1, 0.5, -0.8])
     want = scipy_field_and_sensitivity(system, 0.3, time, inputs, np.asarray(initial))
     used = system.modal() if modal else system
-    got = wallid.propagate(used, 0.3, time[1], inputs, initial, sensitivity=True)
+    got = wallid.models.propagate(used, 0.3, time[1], inputs, initial, sensitivity=True)
     for have, reference in zip(got, want, strict=True):
         assert np.abs(have - reference).max() < 1e-12 * max(1.0, np.abs(reference).max())
 
@@ -92,7 +92,7 @@ def test_fast_path_and_diffrax_give_the_same_numbers(modal):
     system = slab(31, degree=2)
     system = system.modal() if modal else system
     inputs, initial = random_walk(200, 2, 2), jnp.asarray([0.0, 0.3, 0.1])
-    fast = wallid.propagate(system, 0.4, 1 / 24.0, inputs, initial, sensitivity=True)
+    fast = wallid.models.propagate(system, 0.4, 1 / 24.0, inputs, initial, sensitivity=True)
     slow = wallid.simulate(system, 0.4, jnp.asarray(time), inputs, initial, sensitivity=True)
     for have, want in zip(slow, fast, strict=True):
         assert np.abs(have - want).max() < 1e-12 * max(1.0, np.abs(want).max())
@@ -124,7 +124,7 @@ def test_times_must_increase():
     assert np.all(np.isnan(u))
 
 
-@pytest.mark.parametrize("solver", [wallid.Exponential(), diffrax.Heun()])
+@pytest.mark.parametrize("solver", [wallid.models.Exponential(), diffrax.Heun()])
 def test_the_compilation_cache_takes_what_diffrax_steps(solver):
     """JAX keeps no program that calls back into Python."""
     system, inputs = slab(9), jnp.asarray(random_walk(20, 2, 3))
@@ -177,7 +177,7 @@ def test_the_single_kernel_goes_through_every_transformation(monkeypatch, nodes,
 
     @jax.jit
     def of(fo, q=inputs, model=system):
-        u, theta = wallid.propagate(model, fo, 0.04, q, jnp.zeros(1), sensitivity=True)
+        u, theta = wallid.models.propagate(model, fo, 0.04, q, jnp.zeros(1), sensitivity=True)
         return jnp.sum(u**2) + jnp.sum(theta**3)
 
     fos = jnp.asarray([0.3, 0.5, 0.8])
@@ -206,7 +206,7 @@ def test_what_comes_too_late_for_xla_is_not_asked(monkeypatch):
     jnp.zeros(1).block_until_ready()
     monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=true")
     with pytest.warns(UserWarning, match="prepare_xla: JAX has computed already"):
-        wallid.prepare_xla()
+        wallid.models.prepare_xla()
     assert os.environ["XLA_FLAGS"] == "--xla_cpu_use_fusion_emitters=true"
 
 
@@ -217,7 +217,7 @@ def test_uneven_rows_are_exact_too():
     knots = random_walk(len(keep), 2, 4)
     fine = np.stack([np.interp(np.arange(241), keep, knots[:, side]) for side in (0, 1)], axis=1)
     system = slab(21).modal()
-    want, _ = wallid.propagate(system, 0.5, 0.01, fine, jnp.zeros(1))
+    want, _ = wallid.models.propagate(system, 0.5, 0.01, fine, jnp.zeros(1))
     got, _ = wallid.simulate(system, 0.5, jnp.asarray(keep * 0.01), knots, jnp.zeros(1))
     np.testing.assert_allclose(got, want[keep], atol=1e-13)
 
@@ -230,8 +230,8 @@ def test_a_step_is_the_sum_of_its_parts(fo, step, pieces):
     fine = np.stack([np.interp(np.arange(5 * pieces + 1) / pieces, np.arange(6), coarse[:, s]) for s in (0, 1)], axis=1)
     system = slab(12, degree=1).modal()
     initial = jnp.asarray([0.2, 0.1])
-    one = wallid.propagate(system, fo, step, coarse, initial, sensitivity=True)
-    many = wallid.propagate(system, fo, step / pieces, fine, initial, sensitivity=True)
+    one = wallid.models.propagate(system, fo, step, coarse, initial, sensitivity=True)
+    many = wallid.models.propagate(system, fo, step / pieces, fine, initial, sensitivity=True)
     for have, want in zip(many, one, strict=True):
         assert np.abs(have[::pieces] - want).max() < 1e-12 * max(1.0, np.abs(want).max())
 
@@ -244,7 +244,7 @@ def test_superposition(a, b, seed):
     start_one, start_two = jnp.asarray([0.3, 0.1, 0.0]), jnp.asarray([0.0, -0.2, 0.5])
 
     def u(inputs, initial):
-        return wallid.propagate(system, 0.7, 0.05, inputs, initial)[0]
+        return wallid.models.propagate(system, 0.7, 0.05, inputs, initial)[0]
 
     combined = u(a * one + b * two, a * start_one + b * start_two)
     parts = a * u(one, start_one) + b * u(two, start_two)
@@ -253,7 +253,7 @@ def test_superposition(a, b, seed):
 
 def test_a_wall_in_steady_state_stays_there_without_sensitivity():
     system = slab(41, degree=1).modal()
-    u, theta = wallid.propagate(
+    u, theta = wallid.models.propagate(
         system, 1.0, 0.1, faces(np.full(50, 0.2), 0.8), jnp.asarray([0.2, 0.6]), sensitivity=True
     )
     np.testing.assert_allclose(u, np.tile(0.2 + 0.6 * np.array(POINTS) / LENGTH, (50, 1)), atol=1e-13)
@@ -280,7 +280,7 @@ def test_a_model_goes_through_its_file_and_back(tmp_path):
 def test_what_is_no_model_is_refused_by_name(other):
     """By the function itself; in these tests a checker of types would come first."""
     with pytest.raises(TypeError, match=rf"StateSpace is wanted, not a {type(other).__name__}"):
-        inspect.unwrap(wallid.propagate)(other, 1.0, 0.1, np.zeros((3, 2)), np.zeros(1))
+        inspect.unwrap(wallid.models.propagate)(other, 1.0, 0.1, np.zeros((3, 2)), np.zeros(1))
 
 
 def lagging(system, tau):
@@ -318,7 +318,7 @@ def test_a_model_without_symmetry_goes_through_a_dense_exponential():
 
     start = np.concatenate([np.asarray(system.P) @ [0.1, 0.4], np.zeros(n)])
     _, want, _ = lsim(stacked, inputs, time, X0=start, interp=True)
-    got = wallid.propagate(system, fo, time[1], inputs, jnp.asarray([0.1, 0.4]), sensitivity=True)
+    got = wallid.models.propagate(system, fo, time[1], inputs, jnp.asarray([0.1, 0.4]), sensitivity=True)
     np.testing.assert_allclose(got[0][:, 0], want[:, 0], atol=1e-12)
     np.testing.assert_allclose(got[1][:, 0], want[:, 1], atol=1e-12)
 
@@ -326,9 +326,9 @@ def test_a_model_without_symmetry_goes_through_a_dense_exponential():
 def test_heun_converges_with_order_two():
     system = slab(11, degree=1).modal()
     inputs, initial = random_walk(13, 2, 7), jnp.asarray([0.0, 0.5])
-    exact, _ = wallid.propagate(system, 0.3, 1 / 12.0, inputs, initial)
+    exact, _ = wallid.models.propagate(system, 0.3, 1 / 12.0, inputs, initial)
     time = jnp.arange(13) / 12.0
-    least = wallid.stable_substeps(system, 0.3, 1 / 12.0)
+    least = wallid.models.stable_substeps(system, 0.3, 1 / 12.0)
     errors = []
     for factor in (4, 8, 16):
         u, _ = wallid.simulate(system, 0.3, time, inputs, initial, solver=diffrax.Heun(), substeps=factor * least)
@@ -340,8 +340,8 @@ def test_heun_converges_with_order_two():
 def test_heun_is_stable_where_stable_substeps_says_so():
     system = slab(31).modal()
     inputs = random_walk(25, 2, 8)
-    exact, _ = wallid.propagate(system, 1.0, 1 / 24.0, inputs, jnp.zeros(1))
-    least = wallid.stable_substeps(system, 1.0, 1 / 24.0)
+    exact, _ = wallid.models.propagate(system, 1.0, 1 / 24.0, inputs, jnp.zeros(1))
+    least = wallid.models.stable_substeps(system, 1.0, 1 / 24.0)
     assert least > 10
     time = jnp.arange(25) / 24.0
     u, _ = wallid.simulate(system, 1.0, time, inputs, jnp.zeros(1), solver=diffrax.Midpoint(), substeps=least)
@@ -352,7 +352,7 @@ def test_an_implicit_solver_agrees_within_its_tolerance():
     system = slab(21, degree=1)
     inputs, initial = random_walk(13, 2, 9), jnp.asarray([0.0, 0.5])
     time = jnp.arange(13) / 12.0
-    exact = wallid.propagate(system.modal(), 0.8, 1 / 12.0, inputs, initial, sensitivity=True)
+    exact = wallid.models.propagate(system.modal(), 0.8, 1 / 12.0, inputs, initial, sensitivity=True)
     got = wallid.simulate(
         system,
         0.8,
@@ -391,7 +391,7 @@ def test_theta_against_finite_differences_of_the_analytic_slab():
 
     slope = (analytic(alpha + change) - analytic(alpha - change)) / (2 * change)
     system = slab(201).modal()
-    _, theta = wallid.propagate(
+    _, theta = wallid.models.propagate(
         system, fourier(alpha), 60 / DAY, faces(np.sin(omega * t)), jnp.zeros(1), sensitivity=True
     )
     theta_per_alpha = np.asarray(theta) * DAY / LENGTH**2
@@ -403,10 +403,10 @@ def test_theta_against_finite_differences_of_the_analytic_slab():
 def test_explicit_theta_equals_autodiff_of_the_large_model(integrator):
     """The issue's figure: 1e-9 relative."""
     case = wallid.load("validation")
-    system = wallid.large_model(case)
-    data = wallid.experiment(case)
-    explicit = wallid.explicit(system, fourier(4e-7), data, integrator=integrator)
-    autodiff = wallid.autodiff(system, fourier(4e-7), data, integrator=integrator)
+    system = wallid.full_order_model(case)
+    data = wallid.models.window_data(case)
+    explicit = wallid.models.explicit(system, fourier(4e-7), data, integrator=integrator)
+    autodiff = wallid.models.autodiff(system, fourier(4e-7), data, integrator=integrator)
     for one, two in zip(explicit, autodiff, strict=True):
         assert np.abs(one - two).max() < 1e-9 * np.abs(two).max()
 
@@ -415,14 +415,14 @@ def test_vmap_over_diffusivities_equals_a_loop():
     system = slab(21).modal()
     inputs = random_walk(40, 2, 11)
     fos = jnp.geomspace(0.05, 5.0, 7)
-    together = jax.vmap(lambda fo: wallid.propagate(system, fo, 0.02, inputs, jnp.zeros(1))[0])(fos)
+    together = jax.vmap(lambda fo: wallid.models.propagate(system, fo, 0.02, inputs, jnp.zeros(1))[0])(fos)
     for fo, have in zip(fos, together, strict=True):
-        np.testing.assert_allclose(have, wallid.propagate(system, fo, 0.02, inputs, jnp.zeros(1))[0], atol=1e-14)
+        np.testing.assert_allclose(have, wallid.models.propagate(system, fo, 0.02, inputs, jnp.zeros(1))[0], atol=1e-14)
 
 
 def test_no_new_trace_for_new_values():
     traced = eqx.debug.assert_max_traces(
-        lambda s, fo, q: wallid.propagate(s, fo, 0.1, q, jnp.zeros(1))[0], max_traces=1
+        lambda s, fo, q: wallid.models.propagate(s, fo, 0.1, q, jnp.zeros(1))[0], max_traces=1
     )
     compiled = eqx.filter_jit(traced)
     for k in range(3):
@@ -436,7 +436,7 @@ def test_plain_numbers_are_not_compiled_anew(way, caplog):
 
     def call(fo):
         if way == "propagate":
-            return wallid.propagate(system, fo, 0.1 * fo, inputs, np.zeros(1))
+            return wallid.models.propagate(system, fo, 0.1 * fo, inputs, np.zeros(1))
         return wallid.simulate(system, fo, time * fo, inputs, np.zeros(1))
 
     call(0.3)
@@ -456,7 +456,7 @@ def test_plain_numbers_are_not_compiled_anew(way, caplog):
 )
 def test_wrong_shapes_are_named(inputs, initial, message):
     with pytest.raises(ValueError, match=message):
-        wallid.propagate(slab(11).modal(), 1.0, 0.1, jnp.asarray(inputs), jnp.asarray(initial))
+        wallid.models.propagate(slab(11).modal(), 1.0, 0.1, jnp.asarray(inputs), jnp.asarray(initial))
 
 
 def test_the_exact_solver_takes_no_adaptive_controller():

@@ -15,7 +15,7 @@ from scipy.signal import lsim
 import wallid
 from wallid.case.case_file import Choices
 from wallid.inference.identifiability import collinearity_index
-from wallid.models.finite_volume_wall import lom
+from wallid.models.finite_volume_wall import finite_volume_model
 from wallid.models.wall_parameters import FILM_STD, LAYER_STD
 from wallid.report import writer as report
 from wallid.workflow import Run
@@ -105,12 +105,12 @@ def test_a_film_in_the_large_model():
     film = (0.13, 0.0)
     want = readings([(LENGTH, k, c)], faces, (0.0, 0.1, 0.25), film)
     wall = wallid.Wall(LENGTH, k / c)
-    outputs = [wallid.Output(x) for x in (0.0, 0.1, 0.25)]
-    system = lom(wall, outputs, nodes=101, profile_degree=1, film=(k * film[0], 0.0)).modal()
+    outputs = [wallid.models.Output(x) for x in (0.0, 0.1, 0.25)]
+    system = finite_volume_model(wall, outputs, nodes=101, profile_degree=1, film=(k * film[0], 0.0)).modal()
     at_rest = want[0]
     slope = (at_rest[2] - at_rest[0]) / 0.25
-    fourier = wallid.Scales.of(wall).fourier(k / c)
-    u, _ = wallid.propagate(system, fourier, STEP / 86400, faces, np.array([at_rest[0], slope * LENGTH]))
+    fourier = wallid.case.Scales.of(wall).fourier(k / c)
+    u, _ = wallid.models.propagate(system, fourier, STEP / 86400, faces, np.array([at_rest[0], slope * LENGTH]))
     assert_allclose(u, want, atol=2e-3)
 
 

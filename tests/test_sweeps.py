@@ -48,13 +48,15 @@ def test_what_cannot_be_swept_is_refused(items, options, words):
 
 def test_walls_of_other_shapes_cannot_be_stacked():
     with pytest.raises(ValueError, match="no items"):
-        wallid.stack([])
+        wallid.models.stack([])
     systems = [
-        wallid.lom(wallid.Wall(length=0.5, diffusivity_prior=5e-7), [wallid.Output(0.2)], nodes=nodes)
+        wallid.models.finite_volume_model(
+            wallid.Wall(length=0.5, diffusivity_prior=5e-7), [wallid.models.Output(0.2)], nodes=nodes
+        )
         for nodes in (11, 13)
     ]
     with pytest.raises(ValueError, match="differ in more than their numbers"):
-        wallid.stack(systems)
+        wallid.models.stack(systems)
 
 
 def test_many_walls_end_at_their_truths():
@@ -144,6 +146,6 @@ def test_lanes_of_any_number_of_rows_give_the_integral():
         system = wallid.StateSpace(
             A=np.array([-1e-17]), B=np.array([[1.0, -0.5]]), C=np.ones((1, 1)), D=np.zeros((1, 2)), P=np.ones((1, 1))
         )
-        u, _ = wallid.propagate(system, 1.0, 0.1, q, np.array([3.0]))
+        u, _ = wallid.models.propagate(system, 1.0, 0.1, q, np.array([3.0]))
         want = 3.0 + cumulative_trapezoid(q @ np.array([1.0, -0.5]), dx=0.1, initial=0)
         np.testing.assert_allclose(u[:, 0], want, rtol=1e-9, atol=1e-9)

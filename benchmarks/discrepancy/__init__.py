@@ -1,1 +1,1 @@
-"""Records in which an effect is hidden, and how often `wallid.explain` finds it."""
+"""Records in which an effect is hidden, and how often `wallid.diagnose` finds it."""

@@ -1,4 +1,4 @@
-"""How often `wallid.explain` finds what was hidden: `python -m benchmarks.discrepancy` prints the table.
+"""How often `wallid.diagnose` finds what was hidden: `python -m benchmarks.discrepancy` prints the table.
 
 Every record is simulated, written as a case, loaded and explained in a process of its own; what the record
 could show at best comes from the benchmark's own projections. Each record's outcome is appended to a log of
@@ -103,7 +103,7 @@ def run(job: Job, counted_only: bool = False) -> dict:
 
             case = wallid.load(folder)
             began = time.perf_counter()
-            result = wallid.explain(case).result()
+            result = wallid.diagnose(case).result()
             line["seconds"] = time.perf_counter() - began
         for key in ("verdict", "effects", "gap", "diffusivity", "diffusivity_before"):
             line[key] = result[key]

@@ -42,7 +42,7 @@ def by_pymor(nodal: wallid.StateSpace, order: int, way: str) -> wallid.StateSpac
 
 
 def by_swarm(
-    lom: wallid.StateSpace, order: int, signals: wallid.Signals, *, eliminated: bool
+    lom: wallid.StateSpace, order: int, signals: wallid.reduction.TrainingSignals, *, eliminated: bool
 ) -> Callable[[int], wallid.StateSpace]:
     """The paper's particle swarm (50 particles, 100 iterations) on the functional that `wallid.mim` minimises.
 
@@ -107,12 +107,12 @@ def _of(f: jax.Array, b: jax.Array, H: jax.Array, D: jax.Array) -> wallid.StateS
     return wallid.StateSpace(A=f, B=-f[:, None] * b, C=H, D=D, P=jnp.zeros((f.shape[0], 1)))
 
 
-def _outputs(system: wallid.StateSpace, signals: wallid.Signals) -> tuple[jax.Array, jax.Array]:
+def _outputs(system: wallid.StateSpace, signals: wallid.reduction.TrainingSignals) -> tuple[jax.Array, jax.Array]:
     """u and theta of every signal from rest, at the rows that count."""
 
     def run(fourier: jax.Array, inputs: jax.Array) -> tuple:
         still = jnp.zeros(system.P.shape[1])
-        return wallid.propagate(system, fourier, signals.step, inputs, still, sensitivity=True)
+        return wallid.models.propagate(system, fourier, signals.step, inputs, still, sensitivity=True)
 
     u, theta = jax.vmap(run)(signals.fourier, signals.inputs)
     return u[:, ::EVERY], theta[:, ::EVERY]

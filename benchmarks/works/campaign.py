@@ -13,7 +13,7 @@ DAY = 86400.0
 
 def _direct() -> Direct:
     case = wallid.load("saint_julien")
-    fourier = wallid.scales(case).fourier(1.06e-6)
+    fourier = wallid.case.scales(case).fourier(1.06e-6)
     # Heun is stable up to 2 / (4 Fo / dx^2): 8.9 s
     return Direct(
         case, 100, wallid.Window(0, case.record.rows), np.array([fourier]), 10, heun_step=8.0 / DAY, longest=3600 / DAY

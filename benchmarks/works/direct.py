@@ -36,14 +36,14 @@ class Direct:
     longest: float
 
     @cached_property
-    def data(self) -> wallid.Experiment:
-        return wallid.experiment(self.case, self.window)
+    def data(self) -> wallid.models.WindowData:
+        return wallid.models.window_data(self.case, self.window)
 
     @cached_property
     def nodal(self) -> wallid.StateSpace:
-        outputs = [wallid.Output(sensor.position) for sensor in self.case.sensors]
+        outputs = [wallid.models.Output(sensor.position) for sensor in self.case.sensors]
         degree = int(self.data.initial.shape[0]) - 1
-        return wallid.lom(self.case.wall, outputs, nodes=self.nodes, profile_degree=degree)
+        return wallid.models.finite_volume_model(self.case.wall, outputs, nodes=self.nodes, profile_degree=degree)
 
     @cached_property
     def reduced(self) -> wallid.StateSpace:
@@ -75,7 +75,7 @@ class Direct:
         rows = data.step, data.inputs, data.initial
 
         def one(model: wallid.StateSpace, fo: jax.Array) -> tuple:
-            return wallid.propagate(model, fo, *rows, sensitivity=True)
+            return wallid.models.propagate(model, fo, *rows, sensitivity=True)
 
         if sweep is None:
             last = fouriers[-1]  # taking it out of the others is a call too

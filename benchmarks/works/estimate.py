@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import wallid
-from wallid.inference.weighted_least_squares import Fit, fit_experiment
+from wallid.inference.weighted_least_squares import WeightedFit, fit_weighted_least_squares
 
 from ..measure import Prepared
 from ..rivals.integrators import by_lsim
@@ -23,11 +23,11 @@ START, ETA = 2.1e-7, 1e-8
 
 
 def _ours(direct: Direct, system: wallid.StateSpace) -> Prepared:
-    per_alpha = jnp.asarray(wallid.scales(direct.case).fourier(1.0))
+    per_alpha = jnp.asarray(wallid.case.scales(direct.case).fourier(1.0))
     start, eta = jnp.asarray(START), jnp.asarray(ETA)
 
-    def run() -> Fit:
-        return jax.block_until_ready(fit_experiment(system, direct.data, per_alpha, start, eta))
+    def run() -> WeightedFit:
+        return jax.block_until_ready(fit_weighted_least_squares(system, direct.data, per_alpha, start, eta))
 
     return Prepared(run, lambda fit: _error(START * np.exp(fit.parameters[0])))
 
@@ -45,7 +45,7 @@ def _reference() -> float:
 def _by_scipy(tolerance: float):
     direct = _direct()
     simulate = by_lsim(direct.nodal, *direct.arrays)
-    scale, data = wallid.scales(direct.case), direct.data
+    scale, data = wallid.case.scales(direct.case), direct.data
     observed, weight = np.asarray(data.observed), np.asarray(data.weight)
 
     def residual(log_alpha: np.ndarray) -> np.ndarray:

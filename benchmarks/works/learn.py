@@ -27,12 +27,12 @@ LEARNED, NEVER = ("u", "theta"), ("u, never learned", "theta, never learned")
 
 
 @cache
-def _models() -> tuple[wallid.StateSpace, wallid.StateSpace, wallid.Signals]:
+def _models() -> tuple[wallid.StateSpace, wallid.StateSpace, wallid.reduction.TrainingSignals]:
     """The large model in nodes and in modes, and the learning signals."""
     case = wallid.load("validation")
-    outputs = [wallid.Output(sensor.position) for sensor in case.sensors]
-    nodal = wallid.lom(case.wall, outputs, nodes=75, profile_degree=0)
-    return nodal, nodal.modal(), wallid.learning_signals(case, wallid.Window(0, case.record.rows))
+    outputs = [wallid.models.Output(sensor.position) for sensor in case.sensors]
+    nodal = wallid.models.finite_volume_model(case.wall, outputs, nodes=75, profile_degree=0)
+    return nodal, nodal.modal(), wallid.reduction.training_signals(case, wallid.Window(0, case.record.rows))
 
 
 @cache
@@ -51,7 +51,7 @@ def _answers() -> tuple[Callable[[wallid.StateSpace], tuple], tuple]:
         still = jnp.zeros(model.P.shape[1])
 
         def one(fo: jax.Array, course: jax.Array) -> tuple:
-            return wallid.propagate(model, fo, 30 / DAY, course, still, sensitivity=True)
+            return wallid.models.propagate(model, fo, 30 / DAY, course, still, sensitivity=True)
 
         return jax.lax.map(lambda course: jax.lax.map(lambda fo: one(fo, course), fouriers), inputs)
 
@@ -71,7 +71,7 @@ def eps_inf(system: wallid.StateSpace) -> dict[str, float]:
 
 def _projection(order: int) -> Prepared:
     _, modal, signals = _models()
-    return Prepared(lambda: jax.block_until_ready(wallid.learn_system(modal, order, signals).system), eps_inf)
+    return Prepared(lambda: jax.block_until_ready(wallid.reduction.learn_system(modal, order, signals).system), eps_inf)
 
 
 def _swarms(order: int, *, eliminated: bool, count: int) -> Prepared:

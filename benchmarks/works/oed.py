@@ -36,8 +36,11 @@ def _case(times: int = 1) -> wallid.Case:
 
 def _lsim_information(case: wallid.Case, starts: np.ndarray) -> np.ndarray:
     """The information on the diffusivity of windows, one after the other, (m2/s)^-2."""
-    outputs = [wallid.Output(sensor.position) for sensor in case.sensors]
-    nodal, scale = wallid.lom(case.wall, outputs, nodes=case.choices.nodes), wallid.scales(case)
+    outputs = [wallid.models.Output(sensor.position) for sensor in case.sensors]
+    nodal, scale = (
+        wallid.models.finite_volume_model(case.wall, outputs, nodes=case.choices.nodes),
+        wallid.case.scales(case),
+    )
     time = np.arange(ROWS) * case.record.step / scale.time
     fourier, found = scale.fourier(case.wall.diffusivity_prior), []
     noise = np.array([sensor.noise_std for sensor in case.sensors])
@@ -60,7 +63,7 @@ def _error(found: np.ndarray) -> dict[str, float]:
 
 def _ours(times: int = 1, **options: Any) -> Prepared:
     case = _case(times)
-    model = wallid.large_model(case)
+    model = wallid.full_order_model(case)
     windows = case.record.rows - ROWS + 1
 
     def run() -> np.ndarray:

@@ -13,12 +13,12 @@ TITLE = "learning for the case study's window, all orders from 1 to 20"
 def _orders() -> Prepared:
     case = wallid.load("saint_julien")
     window = wallid.design(case).best
-    lom, signals = wallid.large_model(case), wallid.learning_signals(case, window)
+    lom, signals = wallid.full_order_model(case), wallid.reduction.training_signals(case, window)
 
-    def run() -> list[wallid.Learned]:
-        return list(wallid.sweep_orders(lom, range(1, 21), signals))
+    def run() -> list[wallid.LearnedModel]:
+        return list(wallid.reduction.sweep_orders(lom, range(1, 21), signals))
 
-    def error(learned: list[wallid.Learned]) -> dict[str, float]:
+    def error(learned: list[wallid.LearnedModel]) -> dict[str, float]:
         jax.block_until_ready(learned[-1].system)
         return {f"order {one.system.order}": one.eps_inf[0] for one in learned if one.system.order in (5, 10, 20)}
 

@@ -34,7 +34,9 @@ def _prepared(nodes: int, steps: int, sensors: int, order: int | None) -> Prepar
     """The exact large model; with an order its slowest modes alone, which cost what a reduced model costs."""
     wall = wallid.Wall(length=0.5, diffusivity_prior=5e-7)
     places = np.linspace(0.05, 0.45, sensors)
-    modal = wallid.lom(wall, [wallid.Output(x) for x in places], nodes=nodes, profile_degree=0).modal()
+    modal = wallid.models.finite_volume_model(
+        wall, [wallid.models.Output(x) for x in places], nodes=nodes, profile_degree=0
+    ).modal()
     if order is not None:
         slowest = np.argsort(-np.asarray(modal.A))[:order]
         modal = wallid.StateSpace(
@@ -45,7 +47,7 @@ def _prepared(nodes: int, steps: int, sensors: int, order: int | None) -> Prepar
     initial = jnp.zeros(1)
 
     def run() -> jax.Array:
-        return jax.block_until_ready(wallid.propagate(modal, fourier, step, inputs, initial, sensitivity=True))
+        return jax.block_until_ready(wallid.models.propagate(modal, fourier, step, inputs, initial, sensitivity=True))
 
     return Prepared(run, lambda answer: {})
 

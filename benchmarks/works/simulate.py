@@ -13,7 +13,7 @@ DAY = 86400.0
 
 def _direct() -> Direct:
     case = wallid.load("validation")
-    fourier = wallid.scales(case).fourier(5.21e-7)
+    fourier = wallid.case.scales(case).fourier(5.21e-7)
     window = wallid.Window(0, case.record.rows)
     return Direct(case, 75, window, np.array([fourier]), order=5, heun_step=30 / DAY, longest=600 / DAY)
 

@@ -13,7 +13,7 @@ DAY = 86400.0
 
 def _direct() -> Direct:
     case = wallid.load("validation")
-    fouriers = np.array([wallid.scales(case).fourier(alpha) for alpha in np.linspace(2.03e-7, 6.37e-7, 50)])
+    fouriers = np.array([wallid.case.scales(case).fourier(alpha) for alpha in np.linspace(2.03e-7, 6.37e-7, 50)])
     return Direct(
         case, 75, wallid.Window(0, case.record.rows), fouriers, order=5, heun_step=30 / DAY, longest=600 / DAY
     )

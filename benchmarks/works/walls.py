@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import wallid
-from wallid.estimation.many_walls import Walls, estimate_walls
+from wallid.estimation.many_walls import WallEstimates, estimate_walls
 
 from ..learned import learned
 from ..measure import Prepared
@@ -53,15 +53,15 @@ def walls(count: int = WALLS) -> tuple[tuple, dict[str, np.ndarray]]:
     """
     case, truth = _case(), _truths(count)
     window = wallid.Window(0, 73)
-    large, rom = wallid.large_model(case).modal(), learned(case, window, 10)
-    blank = wallid.experiment(case, window)
-    scale = wallid.scales(case)
+    large, rom = wallid.full_order_model(case).modal(), learned(case, window, 10)
+    blank = wallid.models.window_data(case, window)
+    scale = wallid.case.scales(case)
     faces = jnp.asarray((np.asarray(case.record.faces) - scale.temperature_min) / scale.temperature)
 
     def one(alpha: jax.Array, row: jax.Array, places: jax.Array, noise: jax.Array) -> tuple:
         q = jax.lax.dynamic_slice_in_dim(faces, row, 73)
         initial = jnp.zeros(blank.initial.shape).at[0].set(q[0, 0]).at[1].set(q[0, 1] - q[0, 0])
-        u, _ = wallid.propagate(large, alpha * scale.fourier(1.0), blank.step, q, initial)
+        u, _ = wallid.models.propagate(large, alpha * scale.fourier(1.0), blank.step, q, initial)
         observed = scale.temperature_min + scale.temperature * u[:, places] + noise
         system = replace(rom, C=rom.C[places], D=rom.D[places], output_names=())
         data = replace(
@@ -81,7 +81,7 @@ def walls(count: int = WALLS) -> tuple[tuple, dict[str, np.ndarray]]:
     return jax.block_until_ready((systems, data, per_alpha, start)), truth
 
 
-def _error(found: Walls, truth: dict[str, np.ndarray]) -> dict[str, float]:
+def _error(found: WallEstimates, truth: dict[str, np.ndarray]) -> dict[str, float]:
     """Median relative error; scatter in standard errors (1 is right); share that did not converge."""
     apart = np.log(np.asarray(found.diffusivity) / truth["alpha"][: len(found.diffusivity)])
     return {
@@ -106,8 +106,11 @@ def _scipy() -> Prepared:
     (_, data, _, _), truth = walls()
     case = _case()
     degree = int(data.initial.shape[1]) - 1
-    outputs = [wallid.Output(sensor.position) for sensor in case.sensors]
-    nodal, scale = wallid.lom(case.wall, outputs, nodes=101, profile_degree=degree), wallid.scales(case)
+    outputs = [wallid.models.Output(sensor.position) for sensor in case.sensors]
+    nodal, scale = (
+        wallid.models.finite_volume_model(case.wall, outputs, nodes=101, profile_degree=degree),
+        wallid.case.scales(case),
+    )
     time = np.asarray(data.step[0]) * np.arange(73)
 
     def one(k: int) -> float:

@@ -13,23 +13,23 @@ from ._internal.errors import InputError
 from .case.case_definition import Case
 from .case.record_check import Check, check
 from .case.time_window import Window, whole
-from .discrepancy.findings import Explanation
-from .discrepancy.search_for_effects import explain
+from .discrepancy.findings import Diagnosis
+from .discrepancy.search_for_effects import diagnose
 from .estimation.diffusivity import check_draws, estimate, seconds_of_estimate
-from .estimation.many_windows import Pooled, campaign
-from .estimation.prediction import Reliability, reliability
+from .estimation.many_windows import CampaignEstimate, campaign
+from .estimation.prediction import Prediction, predict
 from .estimation.result_objects import Estimate
 from .experiment_design.fisher_information import Criterion, Of, Robust
-from .experiment_design.sampling_step import Sampling, sampling
-from .experiment_design.sensor_placement import Places, sensor_places
-from .experiment_design.window_lengths import Lengths, days_within, lengths
+from .experiment_design.sampling_step import SamplingComparison, compare_sampling_steps
+from .experiment_design.sensor_placement import SensorPlacement, place_sensors
+from .experiment_design.window_lengths import LengthComparison, compare_lengths, days_within
 from .experiment_design.window_selection import Design, design
 from .models.flux_plates import fluxes_of
 from .models.integration import Integrator
 from .models.state_space import StateSpace
-from .models.window_inputs import large_model
-from .reduction.modal_identification import Learned, sweep_orders
-from .reduction.training_signals import learn, learning_signals
+from .models.window_inputs import full_order_model
+from .reduction.modal_identification import LearnedModel, sweep_orders
+from .reduction.training_signals import learn, training_signals
 
 Progress = Callable[[str, float], None]
 """Told the stage now beginning, and the share of the work done before it, 0 to 1."""
@@ -44,7 +44,7 @@ would help, `campaign` every window."""
 class Designing:
     """How a design chooses.
 
-    Arguments:
+    Args:
         criterion, of, robust, full: as in `design`.
         added: further sensors to find places for.
     """
@@ -65,21 +65,21 @@ class Designing:
 class Run:
     """What a run has found so far; None where it did not go there.
 
-    Arguments:
+    Args:
         seconds: per stage, wall clock, compilation included.
     """
 
     case: Case
     design: Design | None = None
-    lengths: Lengths | None = None
-    places: Places | None = None
-    sampling: Sampling | None = None
-    learned: Learned | None = None
-    orders: list[Learned] = field(default_factory=list)
+    lengths: LengthComparison | None = None
+    places: SensorPlacement | None = None
+    sampling: SamplingComparison | None = None
+    learned: LearnedModel | None = None
+    orders: list[LearnedModel] = field(default_factory=list)
     fit: Estimate | None = None
-    reliability: Reliability | None = None
-    campaign: Pooled | None = None
-    explanation: Explanation | None = None
+    prediction: Prediction | None = None
+    campaign: CampaignEstimate | None = None
+    diagnosis: Diagnosis | None = None
     check: Check | None = None
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -95,8 +95,8 @@ class Run:
     @property
     def unreliable(self) -> str:
         """Why there is no number to rely on; empty where there is one, or none was asked for."""
-        if self.explanation is not None:  # its diffusivity is the final answer
-            return self.explanation.sentence if self.explanation.verdict == "uninformative" else ""
+        if self.diagnosis is not None:  # its diffusivity is the final answer
+            return self.diagnosis.sentence if self.diagnosis.verdict == "uninformative" else ""
         if self.fit is not None:
             return self.fit.reason
         if self.campaign is not None:
@@ -107,11 +107,11 @@ class Run:
 
     def __str__(self) -> str:
         parts = [self.case, self.design, self.lengths, self.places, self.sampling, self.learned, self.fit]
-        parts += [self.campaign, self.reliability, self.explanation]
+        parts += [self.campaign, self.prediction, self.diagnosis]
         told = [str(part) for part in parts if part is not None]
         if self.check is not None:
             told.append(str(self.check))
-        if len(self.case.record.unbroken) > 1 and (self.reliability or self.explanation):
+        if len(self.case.record.unbroken) > 1 and (self.prediction or self.diagnosis):
             told.append(f"the record is broken: the whole record means its longest unbroken part, {self._part()}")
         return "\n\n".join(told)
 
@@ -135,7 +135,7 @@ def run(
 ) -> Run:
     """The method on a case; the stages asked for, in their order.
 
-    Arguments:
+    Args:
         window: given by hand; None for the design's best.
         orders: reduced models to learn for the figure of error against order; none for a few up to the case's.
         weights: of the estimate's readings.
@@ -166,7 +166,7 @@ def run(
     if "diagnose" in stages:
         begin("diagnose", "diagnose: what the plain model misses")
         with done.timed("diagnose"):
-            done.explanation = explain(case, progress=begin.within)
+            done.diagnosis = diagnose(case, progress=begin.within)
     progress("done", 1.0)
     return done
 
@@ -238,7 +238,7 @@ def _of_window(
                 done.orders = _by_order(case, window, done.learned, orders, integrator)
         model = done.learned.system
     else:
-        model = large_model(case)
+        model = full_order_model(case)
     if "estimate" in stages:
         checked = f", then {draws} draws of a bootstrap" if draws else ""
         begin("estimate", f"estimate: Gauss-Newton{checked}")
@@ -248,27 +248,27 @@ def _of_window(
     if "reliability" in stages and done.fit is not None and not case.choices.free:
         begin("reliability", "reliability: the whole record")
         with done.timed("reliability"):
-            done.reliability = reliability(case, done.fit, model)
+            done.prediction = predict(case, done.fit, model)
     if "lengths" in stages:
         _compare_lengths(done, begin, designing, model)
     if "places" in stages and designing.added:
         begin("places", "design: where a further sensor helps, and other steps")
         with done.timed("places"):
             choice = {name: word for name, word in designing.words.items() if name != "full"}
-            done.places = sensor_places(case, window, count=designing.added, **choice)
-            done.sampling = sampling(case, window)
+            done.places = place_sensors(case, window, count=designing.added, **choice)
+            done.sampling = compare_sampling_steps(case, window)
 
 
 def _by_order(
-    case: Case, window: Window, learned: Learned, orders: Sequence[int], integrator: Integrator
-) -> list[Learned]:
+    case: Case, window: Window, learned: LearnedModel, orders: Sequence[int], integrator: Integrator
+) -> list[LearnedModel]:
     """Reduced models of these orders, or of two below the one at hand beside it; none where there is none below."""
     own = learned.system.order
     wanted = orders or sorted({max(own // 5, 1), max(own // 2, 1), own})
     if not orders and len(wanted) < 2:
         return []
     others = [order for order in wanted if order != own]
-    large, signals = large_model(case), learning_signals(case, window)
+    large, signals = full_order_model(case), training_signals(case, window)
     found = {one.system.order: one for one in sweep_orders(large, others, signals, integrator=integrator)}
     return [found.get(order, learned) for order in wanted]
 
@@ -281,7 +281,7 @@ def _compare_lengths(done: Run, begin: _Shares, designing: Designing, model: Sta
     begin("lengths", "design: what longer windows give and cost")
     with done.timed("lengths"):
         cost = None if model is None or fluxes_of(case) else partial(seconds_of_estimate, case, model=model)
-        done.lengths = lengths(case, days, cost, **designing.words)
+        done.lengths = compare_lengths(case, days, cost, **designing.words)
 
 
 def _of_fluxes(

@@ -60,7 +60,7 @@ def number(
 ) -> float:
     """A finite number within limits, as a plain float.
 
-    Arguments:
+    Args:
         unit: of the value, for the message.
         above, least, most: value > above, value >= least, value <= most.
         hint: what may have gone wrong where the value is beyond a limit.
@@ -95,7 +95,7 @@ def number(
 def whole(name: str, value: Any, least: int, most: int | None = None, *, instead: str = "") -> int:
     """A whole number within limits.
 
-    Arguments:
+    Args:
         instead: what else may stand there, for the message (`or "auto"`).
     """
     proper = isinstance(value, (int, np.integer)) and not isinstance(value, bool)

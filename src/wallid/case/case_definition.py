@@ -23,7 +23,7 @@ _LEARNING_FACTORS = (0.25, 1.0, 4.0, 16.0)  # of the prior, which may be wrong b
 class LearningSignal:
     """One run of the large model that the reduced model learns from.
 
-    Arguments:
+    Args:
         diffusivity: m2/s.
         time: s from the first row, at a uniform step, (time,).
         faces: left and right face temperature, degC, (time, 2).
@@ -50,7 +50,7 @@ class LearningSignal:
 class Case:
     """A wall, what was logged of it, and what to do with it.
 
-    Arguments:
+    Args:
         name: how tables and reports call it.
         path: of the TOML file.
         wall: the wall.

@@ -28,7 +28,7 @@ _FORMAT = tuple(f.name for f in fields(Format))
 def load(path_or_name: str | os.PathLike[str]) -> Case:
     """A case from its TOML file, from the folder that holds its case.toml, or a packaged one by name.
 
-    Arguments:
+    Args:
         path_or_name: what exists as a path is not looked for among the packaged cases.
 
     Raises:

@@ -15,7 +15,7 @@ from .time_window import Window
 class Profile:
     """An initial profile `T(x, 0) = sum_k a_k x*^k` fitted through the faces and sensors.
 
-    Arguments:
+    Args:
         coefficients: a_k in degC.
         per_reading: how each sensor's reading moves them, `(param, sensor)`, 1.
         eps_2: root mean square of the fit, K; None where the profile was given.

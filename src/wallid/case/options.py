@@ -21,7 +21,7 @@ _MOST_NODES = 5000  # past it, the dense matrices of the large model fill the me
 class Choices:
     """What to do with a case; everything has a default.
 
-    Arguments:
+    Args:
         window_days: length of the window that the design looks for, days.
         order: of the reduced model, or "auto".
         learning_diffusivities: that the reduced model learns from, m2/s; None lets the case take

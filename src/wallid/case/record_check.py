@@ -22,7 +22,7 @@ _WEAK = 5.0  # times the sensors' noise
 class Check:
     """What would stop a run on a case, and what a person may want to know before it.
 
-    Arguments:
+    Args:
         stops: a sentence each, with the way out; none where a run can go ahead.
         notes: what does not stop it.
     """

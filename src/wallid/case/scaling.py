@@ -18,7 +18,7 @@ class Scales:
     `u = (T - T_min)/T_ref`, `t* = t/t_ref`, `x* = x/L`, `Fo = t_ref alpha/L^2`. The methods take
     numbers and arrays of numpy and jax alike.
 
-    Arguments:
+    Args:
         length: L, m.
         time: t_ref, s.
         temperature: T_ref, K.

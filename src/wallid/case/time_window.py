@@ -17,7 +17,7 @@ STILL = 1e-6  # K: a face that moves less did not move
 class Window:
     """Consecutive rows of a record.
 
-    Arguments:
+    Args:
         row: the first.
         rows: how many.
     """

@@ -18,7 +18,7 @@ _WIDTH = 30  # of a key and its value, before the comment
 class Answers:
     """What a person says of a record; None is asked for.
 
-    Arguments:
+    Args:
         time, left, right: columns.
         length: m.
         sensors: position of each, m from the left face, by column.
@@ -43,7 +43,7 @@ class Answers:
 def write_toml(where: str, answers: Answers, units: Mapping[str, str], days: float) -> str:
     """The text of a case.
 
-    Arguments:
+    Args:
         where: the record, from the case's folder.
         units: of sensors that are not in the format's.
         days: of the window.

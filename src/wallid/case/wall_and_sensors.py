@@ -28,7 +28,7 @@ _THICKNESS_TOLERANCE = 1e-6  # of the wall's length
 class Layer:
     """A homogeneous layer of a wall.
 
-    Arguments:
+    Args:
         thickness: m.
         conductivity: W/m/K.
         heat_capacity: per volume, J/m3/K.
@@ -54,7 +54,7 @@ class Wall:
     Its effective diffusivity is `length^2 / (R C) = k_eff / c_eff`, with `k_eff = L / sum(d/k)` and
     `c_eff = sum(c d) / L` over the layers.
 
-    Arguments:
+    Args:
         length: m, between the two faces.
         diffusivity_prior: m2/s, the effective diffusivity to start from; left out (NaN), it follows
             from conductivity and heat capacity, or else from the layers.
@@ -138,7 +138,7 @@ class Wall:
 class Sensor:
     """A temperature sensor in a wall.
 
-    Arguments:
+    Args:
         name: the record's column.
         position: m from the left face.
         noise_std: K, of each reading.

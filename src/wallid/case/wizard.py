@@ -43,7 +43,7 @@ def new_case(
 ) -> Case:
     """Write a `case.toml` for a record, once it is known to load.
 
-    Arguments:
+    Args:
         record: the CSV file.
         answers: what is known already.
         to: the file to write; None for `case.toml` beside the record.

@@ -38,7 +38,7 @@ def carry_out(
 ) -> None:
     """Load, run, write, print; every message to standard error but the summary or the JSON.
 
-    Arguments:
+    Args:
         name: of the case, as the user gave it.
         model, from_row, free, orders, out, json, quiet, formats: the options of that name (`_options`).
         choices: passed on to `workflow.run`.
@@ -82,7 +82,7 @@ def _summarise(done: workflow.Run, name: str, written: list[Path]) -> None:
     print(f"\nwrote        {', '.join(path.name for path in written)} to {written[0].parent}")
     if kept := [path.name for path in written if path.name.startswith("report-")]:
         print(f"kept         the report of an earlier command there, as {kept[0]}")
-    if done.fit is not None and done.explanation is None and done.case.sensors and not done.unreliable:
+    if done.fit is not None and done.diagnosis is None and done.case.sensors and not done.unreliable:
         print(f"next         wallid diagnose {shlex.quote(name)}: does the model miss something?")
 
 

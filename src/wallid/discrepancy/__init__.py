@@ -1,7 +1,7 @@
-"""Where a model and its record part, which effect is missing, and how far the gap shrinks with it in."""
+"""Where a model and its record part, which effect is missing, and how far the gap shrinks with it in the model."""
 
-from .findings import Explanation, Named, Row, Trial
-from .problem import compile_together, study
-from .search_for_effects import explain
+from .findings import Diagnosis, NamedEffect, RankedEffect, Trial
+from .problem import diagnosis_problem
+from .search_for_effects import diagnose
 
-__all__ = ["Explanation", "Named", "Row", "Trial", "compile_together", "explain", "study"]
+__all__ = ["Diagnosis", "NamedEffect", "RankedEffect", "Trial", "diagnose", "diagnosis_problem"]

@@ -7,13 +7,13 @@ from collections.abc import Iterable
 import numpy as np
 
 from .effect_fit import Fit
-from .problem import Slot
+from .problem import EffectParameters
 
 _TOLD = 2.0  # standard deviations from none that a size must be, with its places and hours free
 _MOVES = 0.5  # of the diffusivity's standard deviation: an effect too small to report stays if it moves it so far
 
 
-def price(fit: Fit, slots: Iterable[Slot]) -> float:
+def price(fit: Fit, slots: Iterable[EffectParameters]) -> float:
     """What the places, hours and temperatures that some effects chose must bring of `-2 log L` to be worth it.
 
     `ln(readings)` each, by the Bayesian criterion: an effect that may choose explains a little of anything.
@@ -45,7 +45,7 @@ def refusal(fit: Fit) -> str:
     return ""
 
 
-def _pull(fit: Fit, slot: Slot) -> float:
+def _pull(fit: Fit, slot: EffectParameters) -> float:
     """How far an effect moves ln(diffusivity), in its standard deviations without the effect, to first order."""
     place = fit.free.index(slot.first)
     covariance = fit.covariance

@@ -11,7 +11,7 @@ import scipy
 
 from .._internal.units import DAY
 from .effect_fit import Fit, refit, whiten_block, whiten_part
-from .problem import Slot, Study
+from .problem import DiagnosisProblem, EffectParameters
 
 _BLOCKS = 9  # a third of them is held out
 _LEAST = 0.2  # of the rows
@@ -24,7 +24,7 @@ _OTHERS = 2.0  # how far what else is free may go in one window, in its standard
 class Gap:
     """Root mean squares of measured minus predicted, K.
 
-    Arguments:
+    Args:
         before, after: of all rows used, by the plain and by the extended model.
         floor: what the noise alone would leave.
         held_out_before, held_out_after: of the rows held out, predicted with parameters found without them;
@@ -46,7 +46,7 @@ class Gap:
         return after / before if before > 0 else None
 
 
-def compare(before: Fit, after: Fit) -> Gap:
+def cross_validate(before: Fit, after: Fit) -> Gap:
     """The gap of two models, on all rows and on days held out."""
     held = held_out(after.study, after.events)
     if held is None:
@@ -56,10 +56,10 @@ def compare(before: Fit, after: Fit) -> Gap:
     return Gap(before.gap, after.gap, after.noise.floor, outside_before, outside_after)
 
 
-def held_out(study: Study, events: Iterable[tuple[float, float]] = ()) -> np.ndarray | None:
+def held_out(study: DiagnosisProblem, events: Iterable[tuple[float, float]] = ()) -> np.ndarray | None:
     """Which rows are held out: every third block of whole days; None where the record has under three days.
 
-    Arguments:
+    Args:
         events: when something happened once and how long it lasted, s. No other days tell of it, so those blocks are
             held out that see least of it.
     """
@@ -75,7 +75,7 @@ def held_out(study: Study, events: Iterable[tuple[float, float]] = ()) -> np.nda
 
 def _gap_outside(fit: Fit, held: np.ndarray) -> float:
     """Root mean square on the rows held out, with parameters found without them, K."""
-    rest = _trained(fit, held).remainder[held]
+    rest = _trained(fit, held).residual_at_rows[held]
     return float(np.sqrt(np.nanmean(rest**2)))
 
 
@@ -96,12 +96,12 @@ def cost_outside(fit: Fit, held: np.ndarray) -> float:
     """
     study = fit.study
     trained = _trained(fit, held)
-    binned = study.binned(trained.remainder)
+    binned = study.binned(trained.residual_at_rows)
     chosen = np.flatnonzero(_bins_with(study, held))
-    return float(np.sum((whiten_part(fit.noise, chosen) @ binned) ** 2) + np.sum(trained.pull**2))
+    return float(np.sum((whiten_part(fit.noise, chosen) @ binned) ** 2) + np.sum(trained.prior_residual**2))
 
 
-def _bins_with(study: Study, rows: np.ndarray) -> np.ndarray:
+def _bins_with(study: DiagnosisProblem, rows: np.ndarray) -> np.ndarray:
     """Which binned readings hold any of these rows."""
     size = study.bins.rows
     padded = np.pad(rows, (0, -len(rows) % size)).reshape(-1, size).any(axis=1)
@@ -112,7 +112,7 @@ def _bins_with(study: Study, rows: np.ndarray) -> np.ndarray:
 class Windows:
     """An effect's size, window by window.
 
-    Arguments:
+    Args:
         days: the middle of each window, from the record's start.
         size, std: in the effect's unit; NaN where a window tells nothing of it. p_value: of all being the same, 1 where
             fewer than two tell.
@@ -129,7 +129,7 @@ class Windows:
         return int(np.isfinite(self.size).sum())
 
 
-def windows(fit: Fit, slot: Slot) -> Windows:
+def windows(fit: Fit, slot: EffectParameters) -> Windows:
     """The size of an effect found in each quarter of the record.
 
     To first order about the fit; what else is free may go twice its uncertainty from where the whole

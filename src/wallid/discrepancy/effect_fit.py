@@ -12,7 +12,7 @@ import scipy
 from ..inference.noise_covariance import Noise
 from ..inference.quantity import NORMAL_95
 from .model_with_effects import linearise
-from .problem import Slot, Study
+from .problem import DiagnosisProblem, EffectParameters
 
 _LONGEST_STEP = 1.5  # of ln(alpha), from where a fit starts
 _AT_BOUND = 1e-6
@@ -24,7 +24,7 @@ _MOST_STEPS = 20
 class Fit:
     """A model fitted to the readings.
 
-    Arguments:
+    Args:
         active: the effects that are in.
         theta: all parameters. cost: `-2 log L` up to what the noise alone sets, priors included.
         noise: by which it was fitted.
@@ -34,8 +34,8 @@ class Fit:
         trained: the same model found without some of the rows, made once.
     """
 
-    study: Study
-    active: tuple[Slot, ...]
+    study: DiagnosisProblem
+    active: tuple[EffectParameters, ...]
     theta: np.ndarray
     cost: float
     converged: bool
@@ -85,7 +85,7 @@ class Fit:
         return float(np.sqrt(self.covariance[place, place]))
 
     @property
-    def at_bound(self) -> tuple[Slot, ...]:
+    def at_bound(self) -> tuple[EffectParameters, ...]:
         """The effects of which a parameter ended at a bound."""
         low, high = self.study.limits
         return tuple(
@@ -98,12 +98,12 @@ class Fit:
         )
 
     @cached_property
-    def remainder(self) -> np.ndarray:
+    def residual_at_rows(self) -> np.ndarray:
         """Measured minus predicted at the rows, K; NaN where missing."""
         return self.study.record.sensors - self.predicted
 
     @property
-    def pull(self) -> np.ndarray:
+    def prior_residual(self) -> np.ndarray:
         """Of the priors on the free parameters, in their standard deviations."""
         return self.residual[-len(self.free) :]
 
@@ -116,12 +116,12 @@ class Fit:
     @property
     def gap(self) -> float:
         """Root mean square of the remainder, K."""
-        return float(np.sqrt(np.nanmean(self.remainder**2)))
+        return float(np.sqrt(np.nanmean(self.residual_at_rows**2)))
 
 
 def refit(
-    study: Study,
-    active: tuple[Slot, ...],
+    study: DiagnosisProblem,
+    active: tuple[EffectParameters, ...],
     theta: np.ndarray,
     noise: Noise,
     *,
@@ -130,7 +130,7 @@ def refit(
 ) -> Fit:
     """Fit the model with these effects, from given parameters.
 
-    Arguments:
+    Args:
         theta: where the search starts; parameters that are not free stay there.
         step: of the free parameters from there, such as the screen's linear prediction.
         used: the binned readings that count; None for all.
@@ -170,8 +170,8 @@ class _Linear(NamedTuple):
 class _Problem:
     """`|W (measured - model(theta))|^2 + |theta / prior|^2` over the free parameters."""
 
-    study: Study
-    active: tuple[Slot, ...]
+    study: DiagnosisProblem
+    active: tuple[EffectParameters, ...]
     free: list[int]
     whiten: np.ndarray
 

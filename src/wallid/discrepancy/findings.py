@@ -11,8 +11,8 @@ import numpy as np
 from .acceptance import refusal
 from .cross_validation import Gap, Windows
 from .effect_fit import Fit
-from .problem import Slot, Study
-from .residual_tests import Remainder
+from .problem import DiagnosisProblem, EffectParameters
+from .residual_tests import ResidualTests
 from .result_entries import result
 from .score_test import Screen
 from .summary import sentence, summary
@@ -33,7 +33,7 @@ _CLEAR = 9.0  # of -2 log L: the size that would have been told apart from none
 class Trial:
     """A fit that was tried.
 
-    Arguments:
+    Args:
         base: what it was tried beside. expected: the drop of `-2 log L` that the screen promised.
         reason: why it was refused; empty where it was not.
     """
@@ -49,16 +49,16 @@ class Trial:
         return self.base.cost - self.fit.cost
 
     @property
-    def added(self) -> tuple[Slot, ...]:
+    def added(self) -> tuple[EffectParameters, ...]:
         """What it added."""
         return tuple(slot for slot in self.fit.active if slot not in self.base.active)
 
 
 @dataclass(frozen=True, eq=False)
-class Named:
+class NamedEffect:
     """An effect that was found.
 
-    Arguments:
+    Args:
         values: of each parameter: (value, standard deviation).
         expected, gain: drop of `-2 log L`, by the screen's linear prediction and by the refit.
         p_value: of the gain, over the whole library.
@@ -66,27 +66,27 @@ class Named:
         windows: its size in each quarter of the record.
     """
 
-    slot: Slot
+    slot: EffectParameters
     values: dict[str, tuple[float, float]]
     expected: float
     gain: float
     p_value: float
-    alternatives: tuple[Slot, ...]
+    alternatives: tuple[EffectParameters, ...]
     windows: Windows
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class RankedEffect:
     """An effect in the ranked table, beside the plain model.
 
-    Arguments:
+    Args:
         expected, gain: drop of `-2 log L`, by the linear prediction and after a refit (None where none was made).
         size, std: in `unit`. shift: relative change of the diffusivity.
         rivals: effects whose trace in this record is nearly the same.
         reason: why it is in the model or not.
     """
 
-    slot: Slot
+    slot: EffectParameters
     label: str
     expected: float
     gain: float | None
@@ -106,10 +106,10 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False)
-class Explanation:
+class Diagnosis:
     """What the plain model misses in a record.
 
-    Arguments:
+    Args:
         before, after: the plain model and the one with the effects in.
         effects: that were found, the largest gain first.
         screen: the whole library beside the plain model.
@@ -119,15 +119,15 @@ class Explanation:
         wanting: p-value of what one effect more than are looked for would explain; 1 where there are fewer.
     """
 
-    study: Study = field(repr=False)
+    study: DiagnosisProblem = field(repr=False)
     before: Fit = field(repr=False)
     after: Fit = field(repr=False)
-    effects: tuple[Named, ...]
+    effects: tuple[NamedEffect, ...]
     screen: Screen = field(repr=False)
     trials: tuple[Trial, ...] = field(repr=False)
     gap: Gap
-    left_before: Remainder = field(repr=False)
-    left_after: Remainder = field(repr=False)
+    left_before: ResidualTests = field(repr=False)
+    left_after: ResidualTests = field(repr=False)
     wanting: float
     rivals: tuple[Fit, ...] = field(repr=False)
 
@@ -223,7 +223,7 @@ class Explanation:
         return float(low), float(high)
 
     @property
-    def _alternatives(self) -> list[Slot]:
+    def _alternatives(self) -> list[EffectParameters]:
         return [slot for named in self.effects for slot in named.alternatives]
 
     def smallest(self) -> dict[str, float]:
@@ -236,7 +236,7 @@ class Explanation:
         }
 
     @cached_property
-    def table(self) -> tuple[Row, ...]:
+    def table(self) -> tuple[RankedEffect, ...]:
         """Every effect of the library beside the plain model, the largest expected gain first."""
         screen, study = self.screen, self.study
         tried = {trial.added[0]: trial for trial in self.trials if len(trial.added) == 1 and not trial.base.active}
@@ -247,7 +247,7 @@ class Explanation:
             trial = tried.get(slot)
             rivals = _likenesses(screen, place)
             rows.append(
-                Row(
+                RankedEffect(
                     slot,
                     study.label(slot.effect),
                     float(screen.gain[place]),
@@ -262,7 +262,9 @@ class Explanation:
             )
         return tuple(rows)
 
-    def _reason(self, slot: Slot, place: int, trial: Trial | None, found: dict[Slot, Named]) -> str:
+    def _reason(
+        self, slot: EffectParameters, place: int, trial: Trial | None, found: dict[EffectParameters, NamedEffect]
+    ) -> str:
         """Why an effect is in or not, in a few words."""
         taken = "the nearest known effect" if self.incomplete else "what is in the model"
         if slot in found:
@@ -292,11 +294,11 @@ class Explanation:
         return result(self)
 
 
-def _likenesses(screen: Screen, place: int) -> list[Slot]:
+def _likenesses(screen: Screen, place: int) -> list[EffectParameters]:
     """The other effects whose derivative is nearly that of a candidate, the likest first."""
     likeness = np.abs(screen.cosine[place])
     own = screen.candidates[place].slot
-    found: dict[Slot, float] = {}
+    found: dict[EffectParameters, float] = {}
     for other in np.argsort(-likeness):
         slot = screen.candidates[other].slot
         if likeness[other] < _ALIKE:
@@ -306,4 +308,4 @@ def _likenesses(screen: Screen, place: int) -> list[Slot]:
     return list(found)
 
 
-__all__ = ["Explanation", "Named", "Row", "Trial"]
+__all__ = ["Diagnosis", "NamedEffect", "RankedEffect", "Trial"]

@@ -21,7 +21,7 @@ from ..case.initial_profile import PROFILE_MODES
 from ..case.wall_and_sensors import SIDES
 from ..inference.noise_covariance import Bins
 from .effects.base import AbstractEffect
-from .effects.equation_terms import Campaign, Terms
+from .effects.equation_terms import ForcingData, Terms
 from .forward.first_order import Base, base_course, first_order
 from .forward.response import face_response, respond
 
@@ -31,10 +31,10 @@ _CHUNK = 2  # directions side by side of a linear wall: more would not fit the c
 _STEPPED_CHUNK = 10
 
 
-class Model(eqx.Module):
+class ModelWithEffects(eqx.Module):
     """The wall with the whole library in, as a function of the one vector of parameters."""
 
-    campaign: Campaign
+    forcing: ForcingData
     effects: tuple[AbstractEffect, ...]
     log_prior: Float[Array, ""]
     sensors: int = eqx.field(static=True)
@@ -44,26 +44,26 @@ class Model(eqx.Module):
         """The inner sensors' readings, degC; `linear` leaves the effects out that are not."""
         terms = self.terms(theta, linear=linear)
         return respond(
-            terms, self.campaign, self.diffusivity(theta), self.profile(theta), linear=linear, substeps=self.substeps
+            terms, self.forcing, self.diffusivity(theta), self.profile(theta), linear=linear, substeps=self.substeps
         )
 
     def base(self, theta: Float[Array, " param"]) -> Base:
         """The course of the linear part of the wall, beside which effects are looked for."""
         terms = self.terms(theta, linear=True)
-        return base_course(terms, self.campaign, self.diffusivity(theta), self.profile(theta), substeps=self.substeps)
+        return base_course(terms, self.forcing, self.diffusivity(theta), self.profile(theta), substeps=self.substeps)
 
     def first_order(
         self, base: Base, theta: Float[Array, " param"], direction: Float[Array, " param"]
     ) -> Float[Array, "time sensor"]:
         """The derivative of the readings along an effect at its neutral size, beside the base's linear part, K.
 
-        Arguments:
+        Args:
             theta: the base's with the effect at its place.
             direction: of the effect's size.
         """
         terms, change = jax.jvp(lambda t: self.terms(t, linear=False), (theta,), (direction,))
         return first_order(
-            base, terms, change, self.campaign, self.diffusivity(theta), self.profile(theta), substeps=self.substeps
+            base, terms, change, self.forcing, self.diffusivity(theta), self.profile(theta), substeps=self.substeps
         )
 
     def diffusivity(self, theta: Float[Array, " param"]) -> Array:
@@ -80,22 +80,22 @@ class Model(eqx.Module):
         position, offset = theta[first : first + self.sensors], theta[first + self.sensors : first + 2 * self.sensors]
         used = first + 2 * self.sensors
         depth = theta[used : used + len(SIDES)]
-        terms = Terms.plain(self.campaign).add(position=position, offset=offset, depth=depth)
+        terms = Terms.plain(self.forcing).add(position=position, offset=offset, depth=depth)
         used += len(SIDES)
         for effect in self.effects:
             if effect.linear or not linear:
                 values = {p.name: theta[used + i] for i, p in enumerate(effect.parameters)}
-                terms = effect.at(values).extend(terms, self.campaign)
+                terms = effect.at(values).extend(terms, self.forcing)
             used += len(effect.parameters)
         return terms
 
 
 def first_order_columns(
-    model: Model, bins: Bins, base: np.ndarray, theta: np.ndarray, direction: np.ndarray
+    model: ModelWithEffects, bins: Bins, base: np.ndarray, theta: np.ndarray, direction: np.ndarray
 ) -> np.ndarray:
     """Derivatives of the binned predictions along effects at their neutral sizes, beside a base's linear part.
 
-    Arguments:
+    Args:
         theta: the base with each effect at its place, `(column, param)`.
         direction: of each effect's size, `(column, param)`.
 
@@ -113,13 +113,13 @@ def first_order_columns(
 
 
 @eqx.filter_jit
-def _base(model: Model, theta: Float[Array, " param"]) -> Base:
+def _base(model: ModelWithEffects, theta: Float[Array, " param"]) -> Base:
     return model.base(theta)
 
 
 @eqx.filter_jit
 def _first_order(
-    model: Model,
+    model: ModelWithEffects,
     bins: Bins,
     base: Base,
     theta: Float[Array, "column param"],
@@ -133,12 +133,12 @@ def _first_order(
 
 
 @eqx.filter_jit
-def predict(model: Model, theta: Float[Array, " param"], linear: bool) -> Float[Array, "time sensor"]:
+def predict(model: ModelWithEffects, theta: Float[Array, " param"], linear: bool) -> Float[Array, "time sensor"]:
     """The inner sensors' readings, degC."""
     return model.predict(theta, linear=linear)
 
 
-def impulses(model: Model, theta: np.ndarray) -> np.ndarray:
+def impulses(model: ModelWithEffects, theta: np.ndarray) -> np.ndarray:
     """What the inner readings make of 1 K more at one row of one face, `(face, row, sensor)`.
 
     Between its rows a reading's error is taken as a straight line. Effects at the faces (their lag) apply.
@@ -147,8 +147,8 @@ def impulses(model: Model, theta: np.ndarray) -> np.ndarray:
 
 
 @eqx.filter_jit
-def _impulses(model: Model, theta: Float[Array, " param"]) -> Float[Array, "face time sensor"]:
-    campaign = model.campaign
+def _impulses(model: ModelWithEffects, theta: Float[Array, " param"]) -> Float[Array, "face time sensor"]:
+    campaign = model.forcing
     still = jnp.zeros_like(campaign.faces)
 
     def response(side: int) -> Array:
@@ -167,7 +167,7 @@ def _impulses(model: Model, theta: Float[Array, " param"]) -> Float[Array, "face
 
 
 def linearise(
-    model: Model, bins: Bins, theta: np.ndarray, directions: np.ndarray, *, linear: bool
+    model: ModelWithEffects, bins: Bins, theta: np.ndarray, directions: np.ndarray, *, linear: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Predictions at the rows, `(time, sensor)`, and their binned derivatives along directions, `(direction, reading)`.
 
@@ -204,7 +204,7 @@ def _whole(rows: np.ndarray, chunk: int) -> np.ndarray:
 
 @eqx.filter_jit
 def _linearise(
-    model: Model, bins: Bins, theta: Float[Array, " param"], directions: Float[Array, "direction param"]
+    model: ModelWithEffects, bins: Bins, theta: Float[Array, " param"], directions: Float[Array, "direction param"]
 ) -> tuple[Float[Array, "time sensor"], Float[Array, "direction reading"]]:
     value, along = jax.linearize(lambda t: model.predict(t, linear=True), theta)
 
@@ -221,7 +221,7 @@ def _linearise(
 
 @eqx.filter_jit
 def _linearise_stepped(
-    model: Model, bins: Bins, theta: Float[Array, " param"], directions: Float[Array, "direction param"]
+    model: ModelWithEffects, bins: Bins, theta: Float[Array, " param"], directions: Float[Array, "direction param"]
 ) -> tuple[Float[Array, "time sensor"], Float[Array, "direction reading"]]:
     def one(direction: Array) -> tuple[Array, Array]:
         value, slope = jax.jvp(lambda t: model.predict(t, linear=False), (theta,), (direction,))

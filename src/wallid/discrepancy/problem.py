@@ -30,17 +30,17 @@ from ..models.state_space import require_x64
 from ..records.uniform_record import Record
 from .effects.base import AbstractEffect
 from .effects.catalogue import library
-from .effects.equation_terms import Campaign
+from .effects.equation_terms import ForcingData
 from .effects.heat_sources import AIRS
 from .effects.search_range import Search, record_search
 from .forward.time_stepping import LONGEST_SUBSTEP
-from .model_with_effects import Model, first_order_columns, impulses, linearise
+from .model_with_effects import ModelWithEffects, first_order_columns, impulses, linearise
 
 _NODES = 61
 
 
 @dataclass(frozen=True, eq=False)
-class Slot:
+class EffectParameters:
     """Where an effect's parameters stand in the vector."""
 
     effect: AbstractEffect
@@ -59,10 +59,10 @@ class Slot:
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class DiagnosisProblem:
     """A case prepared for the search.
 
-    Arguments:
+    Args:
         record: the rows used.
         model: the wall with the whole library in. bins: the readings.
         slots: the library, in the vector's order. search: where and when to look.
@@ -70,9 +70,9 @@ class Study:
 
     case: Case
     record: Record
-    model: Model = field(repr=False)
+    model: ModelWithEffects = field(repr=False)
     bins: Bins = field(repr=False)
-    slots: tuple[Slot, ...] = field(repr=False)
+    library: tuple[EffectParameters, ...] = field(repr=False)
     search: Search
 
     @property
@@ -83,7 +83,7 @@ class Study:
     @property
     def size(self) -> int:
         """The number of parameters in the vector."""
-        return self.slots[-1].indices.stop
+        return self.library[-1].indices.stop
 
     def binned(self, values: np.ndarray) -> np.ndarray:
         """The means of values at the rows over each bin's readings; 0 in an empty bin."""
@@ -129,7 +129,7 @@ class Study:
     def scale(self) -> np.ndarray:
         """A typical size of each parameter."""
         scale = np.where(np.isfinite(self.prior_width), self.prior_width, 0.1)
-        for slot in self.slots:
+        for slot in self.library:
             scale[list(slot.indices)] = [p.scale for p in slot.effect.parameters]
         return scale
 
@@ -137,7 +137,7 @@ class Study:
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Between which values each parameter is searched."""
         low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
-        for slot in self.slots:
+        for slot in self.library:
             for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True):
                 low[index], high[index] = slot.effect.bounds(parameter, self.search)
         return low, high
@@ -146,7 +146,7 @@ class Study:
     def neutral(self) -> np.ndarray:
         """The plain model's parameters at the prior diffusivity; places and times are where the scan begins."""
         theta = np.zeros(self.size)
-        for slot in self.slots:
+        for slot in self.library:
             first = next(iter(slot.effect.scan(self.search)), {})
             for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True):
                 if not parameter.is_size:
@@ -154,7 +154,7 @@ class Study:
                     theta[index] = first.get(parameter.name, default)
         return theta
 
-    def replaced(self, active: tuple[Slot, ...]) -> list[tuple[int, Slot]]:
+    def replaced(self, active: tuple[EffectParameters, ...]) -> list[tuple[int, EffectParameters]]:
         """The errors within a sensor's accuracy that an effect stands for without a prior, by index."""
         kinds = {"sensor_position": self.positions, "sensor_offset": self.offsets, "face_depth": self.depths}
         found = []
@@ -165,7 +165,7 @@ class Study:
                 found.append((kinds[slot.effect.name][place], slot))
         return found
 
-    def free(self, active: tuple[Slot, ...]) -> list[int]:
+    def free(self, active: tuple[EffectParameters, ...]) -> list[int]:
         """What a fit with these effects moves: an error with a prior only where no effect stands for it."""
         replaced = {error for error, _ in self.replaced(active)}
         errors = [*self.positions, *self.offsets, *self.depths]
@@ -177,7 +177,7 @@ class Study:
         """How many parameters the compiled fit can move: three effects with places fit in."""
         return len(self.free(())) + 8
 
-    def is_linear(self, active: tuple[Slot, ...]) -> bool:
+    def is_linear(self, active: tuple[EffectParameters, ...]) -> bool:
         """Whether the wall stays linear and constant in time with these effects."""
         return all(slot.effect.linear for slot in active)
 
@@ -200,7 +200,7 @@ class Study:
         return words if target is None else f"{words} of {target}"
 
 
-def study(case: Case) -> Study:
+def diagnosis_problem(case: Case) -> DiagnosisProblem:
     """Prepare a case for the search.
 
     Raises:
@@ -220,8 +220,8 @@ def study(case: Case) -> Study:
     positions = tuple(sensor.position for sensor in case.sensors)
     search = record_search(record, positions, case.wall.length)
     effects = library(sensors, record.regressors)
-    model = Model(
-        campaign=_campaign(case, record),
+    model = ModelWithEffects(
+        forcing=_campaign(case, record),
         effects=effects,
         log_prior=on_device(np.log(case.wall.diffusivity_prior)),
         sensors=sensors,
@@ -234,9 +234,9 @@ def study(case: Case) -> Study:
     )
     slots, first = [], 1 + PROFILE_MODES + 2 * sensors + len(SIDES)
     for effect in effects:
-        slots.append(Slot(effect, first))
+        slots.append(EffectParameters(effect, first))
         first += len(effect.parameters)
-    return Study(case, record, model, bins, tuple(slots), search)
+    return DiagnosisProblem(case, record, model, bins, tuple(slots), search)
 
 
 def _rows_used(case: Case) -> Record:
@@ -244,7 +244,7 @@ def _rows_used(case: Case) -> Record:
     return case.record.window(window.row, window.rows)
 
 
-def _campaign(case: Case, record: Record) -> Campaign:
+def _campaign(case: Case, record: Record) -> ForcingData:
     """The record between its rows, and the wall's cells."""
     rows = np.arange(record.rows)
 
@@ -263,7 +263,7 @@ def _campaign(case: Case, record: Record) -> Campaign:
     largest = np.nanmax(np.abs(heating)) if np.isfinite(heating).any() else 0.0
     places, resistance, capacity = (case.wall.length * part for part in wall_cells(case.wall, _NODES))
     everything = np.concatenate([record.faces.ravel(), record.sensors.ravel()])
-    return Campaign(
+    return ForcingData(
         step=on_device(record.step),
         faces=on_device(np.stack([cubic(record.faces[:, side]) for side in (0, 1)], axis=-1)),
         irradiance=on_device(logged("irradiance")),
@@ -294,7 +294,7 @@ _compiled: set[tuple[object, ...]] = set()
 _compiling = Lock()
 
 
-def compile_together(study: Study) -> None:
+def compile_together(study: DiagnosisProblem) -> None:
     """Compile what every search needs side by side: a person waits for the sum otherwise.
 
     Does nothing where records of this shape have been searched before, and waits where that has just begun.
@@ -303,8 +303,13 @@ def compile_together(study: Study) -> None:
         _compile(study)
 
 
-def _compile(study: Study) -> None:
-    shape = (study.record.rows, study.sensors, study.model.substeps, tuple(type(s.effect) for s in study.slots))
+def _compile(study: DiagnosisProblem) -> None:
+    shape = (
+        study.record.rows,
+        study.sensors,
+        study.model.substeps,
+        tuple(type(s.effect) for s in study.library),
+    )
     if shape in _compiled:
         return
     theta = study.neutral

@@ -6,22 +6,22 @@ import numpy as np
 
 from ..inference import noise_covariance as noise
 from ..inference import whittle_likelihood as whittle
-from ..inference.gap_covariance import filled_gaps
+from ..inference.gap_covariance import gap_errors
 from ..inference.noise_covariance import Noise
 from .model_with_effects import impulses
-from .problem import Study
+from .problem import DiagnosisProblem
 
 __all__ = ["Noise", "NoiseModel", "estimate_noise"]
 
 
-class NoiseModel(noise.NoiseModel):
+class NoiseModel(noise.NoiseShape):
     """The covariance's shape at some parameters of a study."""
 
-    def __init__(self, study: Study, theta: np.ndarray):
+    def __init__(self, study: DiagnosisProblem, theta: np.ndarray):
         sensor_std = np.array([sensor.noise_std for sensor in study.case.sensors])
         face_std = study.record.boundary_noise_std
         response = impulses(study.model, theta)
-        gaps = filled_gaps(study.record.fill_std, face_std, response, study.bins)
+        gaps = gap_errors(study.record.fill_std, face_std, response, study.bins)
         super().__init__(response, study.bins, sensor_std, face_std, gaps)
 
 

@@ -20,10 +20,10 @@ _NODES = 40  # of the Gauss-Hermite rule over the noise's power
 
 
 @dataclass(frozen=True, eq=False)
-class Remainder:
+class ResidualTests:
     """What a fitted model leaves.
 
-    Arguments:
+    Args:
         by_sensor: root mean square, K, per sensor. by_hour: mean per sensor and hour of the day, K.
         by_day: root mean square per sensor and day, K.
         statistic, freedom: of the omnibus test that tells most: the squared length of the whitened residual in
@@ -41,7 +41,7 @@ class Remainder:
     smooth: np.ndarray = field(repr=False)
 
 
-def locate(fit: Fit) -> Remainder:
+def test_residual(fit: Fit) -> ResidualTests:
     """Where the remainder of a fit sits, and whether it is more than noise.
 
     The omnibus tests look along directions that no effect need have named; what the fit's free parameters explain
@@ -50,9 +50,9 @@ def locate(fit: Fit) -> Remainder:
     cycle a day, for all sensors at once, as far as the others have not seen it. The smaller p-value of the two
     independent tests counts, as the smaller of two.
     """
-    record, rest = fit.study.record, fit.remainder
+    record, rest = fit.study.record, fit.residual_at_rows
     names = [sensor.name for sensor in fit.study.case.sensors]
-    hours = np.asarray(fit.study.model.campaign.hour)
+    hours = np.asarray(fit.study.model.forcing.hour)
     hours = np.concatenate([hours, [(hours[-1] + record.step / 3600.0) % 24]]).astype(int) % 24
     days = (record.time // DAY).astype(int)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -70,7 +70,7 @@ def locate(fit: Fit) -> Remainder:
     together = -np.expm1(len(tests) * np.log1p(-min(least, 1.0 - 1e-16)))
     white = np.sum([basis @ (basis.T @ fit.residual) for basis in bases], axis=0)[: len(fit.noise.whiten)]
     smooth = scipy.linalg.solve_triangular(fit.noise.whiten, white, lower=True).reshape(fit.study.sensors, -1).T
-    return Remainder(by_sensor, by_hour, by_day, statistic, freedom, float(together), smooth)
+    return ResidualTests(by_sensor, by_hour, by_day, statistic, freedom, float(together), smooth)
 
 
 def chance(statistic: float, freedom: int, spread: float) -> float:

@@ -12,10 +12,10 @@ from .effect_fit import Fit
 from .effects.catalogue import untestable
 
 if TYPE_CHECKING:
-    from .findings import Explanation, Named
+    from .findings import Diagnosis, NamedEffect
 
 
-def result(found: Explanation) -> dict[str, Any]:
+def result(found: Diagnosis) -> dict[str, Any]:
     """Diffusivity, verdict, effects and gap."""
     study = found.study
     verdict = found.verdict
@@ -55,13 +55,13 @@ def result(found: Explanation) -> dict[str, Any]:
     }
 
 
-def evidence(found: Explanation) -> dict[str, Any]:
+def evidence(found: Diagnosis) -> dict[str, Any]:
     """What the diagnosis rests on: beyond the verdict, every effect of the library and why it is in or not."""
     study, noise = found.study, found.after.noise
     told: dict[str, Any] = {
         "noise": {
-            "over_stated": np.sqrt(noise.white + noise.lasting),
-            "lasting_share": noise.lasting / (noise.white + noise.lasting),
+            "over_stated": np.sqrt(noise.white + noise.autocorrelated),
+            "lasting_share": noise.autocorrelated / (noise.white + noise.autocorrelated),
             "correlation": noise.correlation,
         },
         "left_over": {"p_before": found.left_before.p_value, "p_after": found.left_after.p_value},
@@ -91,7 +91,7 @@ def _diffusivity(fit: Fit, interval: tuple[float, float]) -> dict[str, Any]:
     return Quantity(fit.diffusivity, fit.diffusivity * fit.log_std, interval, "m2/s").result()
 
 
-def _parameters(named: Named, record: Record) -> dict[str, Any]:
+def _parameters(named: NamedEffect, record: Record) -> dict[str, Any]:
     """An effect's parameters as result.json says them: hours as one pair, a time in the record's format."""
     effect = named.slot.effect
     found: dict[str, Any] = {}

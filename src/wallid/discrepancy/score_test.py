@@ -23,7 +23,7 @@ import numpy as np
 from .acceptance import price
 from .effect_fit import Fit
 from .model_with_effects import first_order_columns
-from .problem import Slot, Study
+from .problem import DiagnosisProblem, EffectParameters
 
 DRAWS = 2000
 _PAIR_DRAWS = 200
@@ -36,11 +36,11 @@ _UNSEEN = 1e-6  # share of a derivative that nothing free explains, under which 
 class Candidate:
     """An effect at a place of its scan.
 
-    Arguments:
+    Args:
         where: its places, times and temperatures by index in the vector.
     """
 
-    slot: Slot
+    slot: EffectParameters
     where: dict[int, float]
 
 
@@ -48,7 +48,7 @@ class Candidate:
 class Screen:
     """What every candidate would explain beside a fitted model.
 
-    Arguments:
+    Args:
         base: the fitted model.
         norm: of each `z`, 1 per unit of the size.
         score: `z'r / |z|`. cosine: between all pairs of `z`.
@@ -81,14 +81,14 @@ class Screen:
         return self.moves[0] * self.size
 
     @cached_property
-    def groups(self) -> dict[Slot, np.ndarray]:
+    def groups(self) -> dict[EffectParameters, np.ndarray]:
         """The candidates of each effect, by their places in `candidates`."""
-        found: dict[Slot, list[int]] = {}
+        found: dict[EffectParameters, list[int]] = {}
         for place, candidate in enumerate(self.candidates):
             found.setdefault(candidate.slot, []).append(place)
         return {slot: np.array(places) for slot, places in found.items()}
 
-    def places(self, slot: Slot) -> list[int]:
+    def places(self, slot: EffectParameters) -> list[int]:
         """The candidates of one effect, best first."""
         own = self.groups.get(slot, np.array([], dtype=int))
         return [int(place) for place in own[np.argsort(-self.gain[own])]]
@@ -158,7 +158,7 @@ class Screen:
         """The best pairs of effects, each at its best places, best first."""
         gain = np.triu(self.pair_gain)
         found: list[tuple[int, int]] = []
-        seen: set[frozenset[Slot]] = set()
+        seen: set[frozenset[EffectParameters]] = set()
         for flat in np.argsort(-gain, axis=None)[: 50 * count]:
             i, j = (int(k) for k in np.unravel_index(flat, gain.shape))
             slots = frozenset((self.candidates[i].slot, self.candidates[j].slot))
@@ -183,14 +183,14 @@ class Screen:
 
 
 @dataclass(frozen=True, eq=False)
-class Outlook:
+class CandidateJacobian:
     """Every candidate beside a fit, and its derivative, K per unit of its size, `(candidate, reading)`."""
 
     candidates: tuple[Candidate, ...]
     columns: np.ndarray = field(repr=False)
 
 
-def screen(base: Fit, outlook: Outlook, random: np.random.Generator) -> Screen:
+def screen(base: Fit, outlook: CandidateJacobian, random: np.random.Generator) -> Screen:
     """Score every candidate beside a fitted model."""
     candidates, z = outlook.candidates, outlook.columns
     white = z @ base.noise.whiten.T
@@ -218,37 +218,41 @@ def screen(base: Fit, outlook: Outlook, random: np.random.Generator) -> Screen:
     )
 
 
-def look(study: Study, base: Fit) -> Outlook:
+def candidate_jacobian(study: DiagnosisProblem, base: Fit) -> CandidateJacobian:
     """The derivative of every effect that is not in a fitted model, at every place of its scan.
 
     To first order about the base's linear part, whose temperatures differ little from the base's own: a ranking
     needs no more, and a refit is exact.
     """
-    slots = [slot for slot in study.slots if not any(same(slot, other) for other in base.active)]
+    slots = [slot for slot in study.library if not any(same(slot, other) for other in base.active)]
     return _outlook(study, base, [candidate for slot in slots for candidate in _scanned(study, slot, {})])
 
 
-def look_at_forms(study: Study, base: Fit, forms: list[Slot], known: dict[str, float]) -> Outlook:
+def candidate_jacobian_of_forms(
+    study: DiagnosisProblem, base: Fit, forms: list[EffectParameters], known: dict[str, float]
+) -> CandidateJacobian:
     """The same of some forms of an effect, at the places and hours that are known of it, the rest scanned."""
     return _outlook(study, base, [candidate for form in forms for candidate in _scanned(study, form, known)])
 
 
-def same(one: Slot, other: Slot) -> bool:
+def same(one: EffectParameters, other: EffectParameters) -> bool:
     """Whether both are forms of one effect on one target."""
     return (one.effect.name, one.effect.target) == (other.effect.name, other.effect.target)
 
 
-def _scanned(study: Study, slot: Slot, known: dict[str, float]) -> list[Candidate]:
+def _scanned(study: DiagnosisProblem, slot: EffectParameters, known: dict[str, float]) -> list[Candidate]:
     """An effect at every place of its scan, but where something of it is known."""
     index = {p.name: i for p, i in zip(slot.effect.parameters, slot.indices, strict=True)}
     places = [{index[name]: known.get(name, at) for name, at in row.items()} for row in slot.effect.scan(study.search)]
     return [Candidate(slot, dict(place)) for place in dict.fromkeys(tuple(place.items()) for place in places)]
 
 
-def _outlook(study: Study, base: Fit, candidates: list[Candidate]) -> Outlook:
+def _outlook(study: DiagnosisProblem, base: Fit, candidates: list[Candidate]) -> CandidateJacobian:
     thetas = np.stack([_placed(base.theta, candidate) for candidate in candidates])
     directions = np.eye(study.size)[[candidate.slot.first for candidate in candidates]]
-    return Outlook(tuple(candidates), first_order_columns(study.model, study.bins, base.theta, thetas, directions))
+    return CandidateJacobian(
+        tuple(candidates), first_order_columns(study.model, study.bins, base.theta, thetas, directions)
+    )
 
 
 def _placed(theta: np.ndarray, candidate: Candidate) -> np.ndarray:
@@ -258,7 +262,7 @@ def _placed(theta: np.ndarray, candidate: Candidate) -> np.ndarray:
     return theta
 
 
-def _sign(slot: Slot) -> int:
+def _sign(slot: EffectParameters) -> int:
     """The sign that an effect's size must have, 0 for either."""
     size = slot.effect.parameters[0]
     if size.least == 0.0:

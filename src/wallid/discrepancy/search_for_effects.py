@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..case.case_definition import Case
-from .cross_validation import compare
-from .findings import Explanation
-from .problem import compile_together, study
-from .residual_tests import locate
+from .cross_validation import cross_validate
+from .findings import Diagnosis
+from .problem import compile_together, diagnosis_problem
+from .residual_tests import test_residual
 from .stepwise_selection import Selection
 
 Progress = Callable[[str, float], None]
 
 
-def explain(case: Case, *, progress: Progress = lambda stage, share: None) -> Explanation:
+def diagnose(case: Case, *, progress: Progress = lambda stage, share: None) -> Diagnosis:
     """What the plain model misses in a case's record: which effect, how large, how much of the gap it closes.
 
-    Arguments:
+    Args:
         progress: told the stage now beginning, and the share of the work done before it.
 
     Returns:
@@ -28,7 +28,7 @@ def explain(case: Case, *, progress: Progress = lambda stage, share: None) -> Ex
         RuntimeError: 64-bit floats are switched off.
     """
     progress("diagnose: compiling the models", 0.0)
-    search = Selection(study(case))
+    search = Selection(diagnosis_problem(case))
     compile_together(search.study)
     progress("diagnose: the plain model", 0.35)
     plain = search.plain()
@@ -41,10 +41,10 @@ def explain(case: Case, *, progress: Progress = lambda stage, share: None) -> Ex
     progress("diagnose: compare on days held out", 0.9)
     if best.active:  # both under the noise that the better model shows
         plain = search.plain_beside(best)
-    gap = compare(plain, best)
-    left, after = locate(plain), locate(best)
+    gap = cross_validate(plain, best)
+    left, after = test_residual(plain), test_residual(best)
     progress("done", 1.0)
-    return Explanation(
+    return Diagnosis(
         study=search.study,
         before=plain,
         after=best,

@@ -11,11 +11,11 @@ from .acceptance import refusal, weighed
 from .cross_validation import cost_outside, held_out, windows
 from .effect_fit import Fit, refit
 from .findings import CHANCE as FIRST
-from .findings import FURTHER, Named, Trial
-from .problem import Slot, Study
+from .findings import FURTHER, NamedEffect, Trial
+from .problem import DiagnosisProblem, EffectParameters
 from .residual_noise import NoiseModel, estimate_noise
-from .residual_tests import locate, omnibus_directions
-from .score_test import Outlook, Screen, look, look_at_forms, same, screen
+from .residual_tests import omnibus_directions, test_residual
+from .score_test import CandidateJacobian, Screen, candidate_jacobian, candidate_jacobian_of_forms, same, screen
 
 RIVAL = 9.0
 """Models within this of the best in `-2 log L`, places paid for, cannot be told from it."""
@@ -33,13 +33,13 @@ _ROUNDS = 4
 class Selection:
     """The search in one record, and what it has tried."""
 
-    def __init__(self, study: Study):
+    def __init__(self, study: DiagnosisProblem):
         self.study = study
         self.random = np.random.default_rng(study.case.choices.seed)
         self.trials: list[Trial] = []
         self.rivals: list[Fit] = []
-        self._outlooks: dict[frozenset[Slot], Outlook] = {}
-        self._fewer: dict[tuple[frozenset[Slot], Noise], Fit] = {}
+        self._outlooks: dict[frozenset[EffectParameters], CandidateJacobian] = {}
+        self._fewer: dict[tuple[frozenset[EffectParameters], Noise], Fit] = {}
 
     def plain(self) -> Fit:
         """The plain model, under the noise that it shows beside the whole library."""
@@ -65,14 +65,14 @@ class Selection:
         """The whole library beside a fit."""
         return screen(fit, self.look(fit), self.random)
 
-    def look(self, fit: Fit) -> Outlook:
+    def look(self, fit: Fit) -> CandidateJacobian:
         """The library's derivatives, made once for a set of effects: they hardly change from fit to fit."""
         effects = frozenset(fit.active)
         if effects not in self._outlooks:
-            self._outlooks[effects] = look(self.study, fit)
+            self._outlooks[effects] = candidate_jacobian(self.study, fit)
         return self._outlooks[effects]
 
-    def without(self, fit: Fit, slot: Slot) -> Fit:
+    def without(self, fit: Fit, slot: EffectParameters) -> Fit:
         """A model less one of its effects, under the same noise; made once."""
         active = tuple(other for other in fit.active if other is not slot)
         key = (frozenset(active), fit.noise)
@@ -124,7 +124,7 @@ class Selection:
             made.append(self.add(ranked, (k,)))
         best = min(made, key=lambda fit: fit.cost, default=None)
         # a pair only where one effect leaves something, which is seldom: a refit of a pair costs the most
-        if pair_stands and (best is None or locate(best).p_value < _CLEAN):
+        if pair_stands and (best is None or test_residual(best).p_value < _CLEAN):
             for count, pair in enumerate(double):
                 tell((len(likely) + count) / (len(likely) + len(double)))
                 made.append(self.add(ranked, pair))
@@ -219,7 +219,7 @@ class Selection:
         Where something is left, the effect may be there in another form, or have ended in a minimum of its own: it
         begins again at other places and times.
         """
-        best, left = fit, locate(fit).p_value < _CLEAN
+        best, left = fit, test_residual(fit).p_value < _CLEAN
         self.rivals = []
         for slot in fit.active:
             base = self.without(fit, slot)
@@ -239,14 +239,14 @@ class Selection:
                     best = other
         return best
 
-    def _forms(self, fit: Fit, slot: Slot, base: Fit) -> list[Fit]:
+    def _forms(self, fit: Fit, slot: EffectParameters, base: Fit) -> list[Fit]:
         """Other forms of an effect (placed, hourly), begun from what is known of it."""
-        forms = [other for other in self.study.slots if other is not slot and same(other, slot)]
+        forms = [other for other in self.study.library if other is not slot and same(other, slot)]
         if not forms:
             return []
         sizes = {parameter.name for parameter in slot.effect.parameters if parameter.is_size}
         known = {name: value for name, value in slot.values(fit.theta).items() if name not in sizes}
-        ranked = screen(base, look_at_forms(self.study, base, forms, known), self.random)
+        ranked = screen(base, candidate_jacobian_of_forms(self.study, base, forms, known), self.random)
         made = [self.add(ranked, (k,)) for k in ranked.best(_FORMS) if ranked.gain[k] >= _comparable(base, fit)]
         # what stood in for the right form may be needless beside it
         return [*made, *(self.without(other, partner) for other in made for partner in base.active)]
@@ -259,7 +259,7 @@ class Selection:
         largest = float(ranked.gain.max(initial=0.0))
         return 1.0 if largest < self._own_form(fit) else ranked.p_value(largest)
 
-    def named(self, fit: Fit) -> tuple[Named, ...]:
+    def named(self, fit: Fit) -> tuple[NamedEffect, ...]:
         """Each effect with its sizes, what it explains, and who else could."""
         found = []
         for slot in fit.active:
@@ -275,7 +275,7 @@ class Selection:
                 if weighed(other) - weighed(fit) < RIVAL and set(rest) < set(other.active) and not refusal(other)
             ]
             found.append(
-                Named(
+                NamedEffect(
                     slot,
                     {
                         p.name: (float(fit.theta[i]), fit.std(i))

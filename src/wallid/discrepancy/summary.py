@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .effects.catalogue import untestable
-from .problem import Study
+from .problem import DiagnosisProblem
 
 if TYPE_CHECKING:
-    from .findings import Explanation, Named
+    from .findings import Diagnosis, NamedEffect
 
 _TOP = 8  # rows of the ranked table
 _SEPARATIONS = (
@@ -43,7 +43,7 @@ _SEPARATIONS = (
 )
 
 
-def sentence(found: Explanation) -> str:
+def sentence(found: Diagnosis) -> str:
     """The verdict in one sentence."""
     gap, after, before = found.gap, found.after, found.before
     verdict = found.verdict
@@ -80,20 +80,20 @@ def sentence(found: Explanation) -> str:
     return text
 
 
-def _refused(found: Explanation) -> str:
+def _refused(found: Diagnosis) -> str:
     """What stood above chance and was refused all the same."""
     tried = [row for row in found.table if row.gain is not None]
     return f" Above chance, and refused, was {tried[0].label}: {tried[0].reason}." if tried else ""
 
 
-def _worded(named: Named, study: Study) -> str:
+def _worded(named: NamedEffect, study: DiagnosisProblem) -> str:
     size = named.slot.effect.parameters[0]
     value, std = named.values[size.name]
     unit = f" {size.unit}" if size.unit else ""
     return f"{study.label(named.slot.effect)} of {value:.3g} +- {std:.1g}{unit}"
 
 
-def _doubt(named: Named, study: Study) -> str:
+def _doubt(named: NamedEffect, study: DiagnosisProblem) -> str:
     labels = [study.label(slot.effect) for slot in named.alternatives]
     return (
         f"This record cannot tell {study.label(named.slot.effect)} from {' or '.join(labels)}; "
@@ -101,7 +101,7 @@ def _doubt(named: Named, study: Study) -> str:
     )
 
 
-def summary(found: Explanation) -> str:
+def summary(found: Diagnosis) -> str:
     """What a terminal shows: verdict, sizes, the ranked table."""
     study = found.study
     low, high = found.interval_95
@@ -140,7 +140,7 @@ def summary(found: Explanation) -> str:
     return "\n".join(lines)
 
 
-def separation(named: Named, study: Study) -> str:
+def separation(named: NamedEffect, study: DiagnosisProblem) -> str:
     """Which experiment would tell an effect from its alternatives."""
     names = {named.slot.effect.name, *(slot.effect.name for slot in named.alternatives)}
     for group, advice in _SEPARATIONS:

@@ -1,1 +1,25 @@
-""""""
+"""The thermal properties of one window, of many windows, of many walls."""
+
+from .diffusivity import estimate, seconds_of_estimate
+from .heat_flux import ThermalProperties
+from .iso_9869 import AverageMethod, average_method
+from .many_walls import WallEstimates, estimate_walls
+from .many_windows import CampaignEstimate, campaign
+from .prediction import Loads, Prediction, predict
+from .result_objects import Estimate
+
+__all__ = [
+    "AverageMethod",
+    "CampaignEstimate",
+    "Estimate",
+    "Loads",
+    "Prediction",
+    "ThermalProperties",
+    "WallEstimates",
+    "average_method",
+    "campaign",
+    "estimate",
+    "estimate_walls",
+    "predict",
+    "seconds_of_estimate",
+]

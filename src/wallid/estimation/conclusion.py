@@ -12,20 +12,20 @@ from ..case.initial_profile import fit_profile, scales
 from ..case.time_window import Window
 from ..case.wall_and_sensors import SIDES
 from ..inference.gauss_newton import Trace
-from ..inference.generalised_least_squares import settle
-from ..inference.gls_fit import Settled
+from ..inference.generalised_least_squares import fit_generalised_least_squares
+from ..inference.gls_fit import GLSFit
 from ..inference.identifiability import identifiability
 from ..inference.likelihood import HIGHEST, LOWEST
-from ..inference.nuisance_parameters import constants_of
+from ..inference.nuisance_parameters import instrument_errors_of
 from ..inference.parametric_bootstrap import bootstrap
 from ..inference.quantity import NORMAL_95, Quantity, lognormal
 from ..inference.validity import why_strained, why_too_coarse, why_too_faint, why_unreliable, why_unsteady
-from ..inference.weighted_least_squares import Fit, apart, covariance, simple_sigma
+from ..inference.weighted_least_squares import WeightedFit, covariance, model_difference, simple_sigma
 from ..models.flux_plates import plate_outputs
 from ..models.integration import Integrator
 from ..models.state_space import StateSpace
 from ..models.wall_parameters import film_at, layer_ratios, std_of
-from ..models.window_inputs import Experiment, large_model
+from ..models.window_inputs import WindowData, full_order_model
 from .result_objects import Estimate
 
 _FAR = 3.0  # from the prior: the prior is tried as a start as well
@@ -33,14 +33,14 @@ _MOST_MINIMA = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class InitialFit:
     """What the paper's iteration gave, and what it was given."""
 
     case: Case
     window: Window
-    data: Experiment
+    data: WindowData
     system: StateSpace
-    fit: Fit | None
+    fit: WeightedFit | None
     reduced: bool
     words: str
 
@@ -55,7 +55,7 @@ class Told:
             return None
         plates = plate_outputs(self.case) if self.data.observed.shape[1] > len(self.case.sensors) else []
         fourier = on_device(scales(self.case).fourier(diffusivity))
-        return np.asarray(apart(large_model(self.case, plates), self.system, self.data, fourier))
+        return np.asarray(model_difference(full_order_model(self.case, plates), self.system, self.data, fourier))
 
     def history(self, traces: tuple[Trace, ...] = ()) -> dict[str, np.ndarray]:
         """The iterates, those of later rounds appended."""
@@ -82,9 +82,9 @@ def _rows(trace: Trace, diffusivity) -> dict[str, np.ndarray]:
     return {name: np.asarray(column)[:count] for name, column in columns.items()}
 
 
-def settled_minima(
-    told: Told, eta: float, explicit_theta: bool, integrator: Integrator, start: float | None = None
-) -> tuple[Settled, list[Settled]]:
+def gls_minima(
+    told: InitialFit, eta: float, explicit_theta: bool, integrator: Integrator, start: float | None = None
+) -> tuple[GLSFit, list[GLSFit]]:
     """The best minimum under the full covariance, and others that the record does not exclude.
 
     Looked for from the paper's estimate, from the prior where that is far away, and from wherever the cost of one of
@@ -97,9 +97,9 @@ def settled_minima(
     starts = [first] if LOWEST * 1.001 < first < HIGHEST / 1.001 else []
     if not starts or abs(np.log(first / prior)) > np.log(_FAR):
         starts.append(prior)
-    found: list[Settled] = []
+    found: list[GLSFit] = []
     while starts and len(found) < _MOST_MINIMA:
-        one = settle(
+        one = fit_generalised_least_squares(
             told.case, told.window, told.data, told.system, starts.pop(0),
             eta=eta, explicit_theta=explicit_theta, integrator=integrator,
         )  # fmt: skip
@@ -111,7 +111,7 @@ def settled_minima(
     return best, [one for one in found[1:] if one.evidence - best.evidence < best.quantile**2]
 
 
-def conclude(told: Told, settled: Settled, others: list[Settled], draws: int) -> Estimate:
+def estimate_from_gls(told: InitialFit, settled: GLSFit, others: list[GLSFit], draws: int) -> Estimate:
     """Interval and verdict from the minimum under the full covariance."""
     case, names, best = told.case, settled.names, settled.minimum
     value, std_log = settled.diffusivity, settled.log_std
@@ -128,7 +128,7 @@ def conclude(told: Told, settled: Settled, others: list[Settled], draws: int) ->
     ]
     free, widths = np.asarray(best.parameters)[1:], np.sqrt(np.diag(settled.covariance))[1:]
     constants: dict[str, dict[str, tuple[float, float]]] = {"offsets": {}, "positions": {}, "face_positions": {}}
-    for k, one in enumerate(constants_of(case, names)):
+    for k, one in enumerate(instrument_errors_of(case, names)):
         constants[one.kind][one.name] = (float(one.std * free[k]), float(one.std * widths[k]))
     singular = np.linalg.svd(settled.jacobian, compute_uv=False) if settled.finite else np.array([np.nan])
     bounds = float(settled.problem.lowest), float(settled.problem.highest)
@@ -162,7 +162,7 @@ def conclude(told: Told, settled: Settled, others: list[Settled], draws: int) ->
     )
 
 
-def _structure(case: Case, settled: Settled) -> dict[str, Quantity]:
+def _structure(case: Case, settled: GLSFit) -> dict[str, Quantity]:
     """The wall's own parameters that were free: each layer's diffusivity, and films."""
     names, found = settled.names.structure, {}
     if not names or not settled.finite:
@@ -187,13 +187,13 @@ def _structure(case: Case, settled: Settled) -> dict[str, Quantity]:
     return found
 
 
-def _noise_words(settled: Settled) -> str:
+def _noise_words(settled: GLSFit) -> str:
     if settled.robust is not None:
         return f"weighted as stated, the interval by {settled.robust}"
     return str(settled.noise) if settled.estimated else "noise as stated"
 
 
-def simple(told: Told) -> Estimate:
+def initial_estimate(told: InitialFit) -> Estimate:
     """The paper's: plain weights, whose standard error takes noise and positions for white."""
     case, data, fit = told.case, told.data, told.fit
     assert fit is not None

@@ -20,18 +20,18 @@ from .._internal.validation import one_of
 from ..case.case_definition import Case
 from ..case.initial_profile import scales
 from ..case.time_window import HasBest, Window, as_window, check_unbroken, whole
-from ..inference.gls_fit import Settled
+from ..inference.gls_fit import GLSFit
 from ..inference.likelihood import HIGHEST, LOWEST
-from ..inference.weighted_least_squares import fit_experiment, paper_sigma
+from ..inference.weighted_least_squares import fit_weighted_least_squares, paper_sigma
 from ..models.flux_plates import fluxes_of, with_flux
 from ..models.integration import Integrator
-from ..models.plate_model import whole_model
+from ..models.plate_model import full_order_model_with_plates
 from ..models.sensitivity_equations import explicit
 from ..models.state_space import StateSpace
-from ..models.window_inputs import check_driven, experiment, large_model
-from ..reduction.modal_identification import Learned
+from ..models.window_inputs import check_driven, full_order_model, window_data
+from ..reduction.modal_identification import LearnedModel
 from ..reduction.training_signals import learn
-from .conclusion import Told, conclude, settled_minima, simple
+from .conclusion import InitialFit, estimate_from_gls, gls_minima, initial_estimate
 from .heat_flux import thermal
 from .result_objects import Estimate
 
@@ -40,7 +40,7 @@ __all__ = [
     "LOWEST",
     "Estimate",
     "estimate",
-    "fit_experiment",
+    "fit_weighted_least_squares",
     "paper_sigma",
     "seconds_of_estimate",
     "theta_kelvin",
@@ -54,7 +54,7 @@ _FEWEST_DRAWS = 20  # of a bootstrap that is to give a 95 % interval
 def estimate(
     case: Case,
     window: Window | HasBest | None = None,
-    model: StateSpace | Learned | None = None,
+    model: StateSpace | LearnedModel | None = None,
     *,
     start: float | None = None,
     weights: Literal["noise", "none"] = "noise",
@@ -65,7 +65,7 @@ def estimate(
 ) -> Estimate:
     """The diffusivity of a case from one window of its record.
 
-    Arguments:
+    Args:
         window: None for the whole record, or its longest unbroken part.
         model: None for the case's choice: the large model, or a reduced one learned for the window. With heat flux in
             the record the large model is taken, unless the one given has the plates' outputs too (`learn` with
@@ -97,33 +97,33 @@ def estimate(
         raise InputError(f"{case.path}: no [[sensor]]: --weights none takes temperatures inside the wall, not fluxes")
     if (fluxes_of(case) or case.choices.free) and weights == "noise":
         if model is None or case.choices.free or not _has_plates(case, model):
-            model = whole_model(case)
+            model = full_order_model_with_plates(case)
         return fit_with_flux(
             case, window, model, start, eta,
             explicit_theta=sensitivity == "explicit", integrator=integrator, draws=draws,
         )[0]  # fmt: skip
     if model is None:
-        model = large_model(case) if case.choices.model == "lom" else learn(case, window, integrator=integrator)
-    told = plain_fit(
+        model = full_order_model(case) if case.choices.model == "lom" else learn(case, window, integrator=integrator)
+    told = initial_fit(
         case, window, model, start, eta, weighted=weights == "noise", sensitivity=sensitivity, integrator=integrator
     )
     if weights == "none":
-        return simple(told)
-    settled, others = settled_minima(told, eta, sensitivity == "explicit", integrator)
-    return conclude(told, settled, others, draws)
+        return initial_estimate(told)
+    settled, others = gls_minima(told, eta, sensitivity == "explicit", integrator)
+    return estimate_from_gls(told, settled, others, draws)
 
 
-def plain_fit(
+def initial_fit(
     case: Case,
     window: Window,
-    model: StateSpace | Learned,
+    model: StateSpace | LearnedModel,
     start: float,
     eta: float,
     *,
     weighted: bool = True,
     sensitivity: Literal["explicit", "autodiff"] = "explicit",
     integrator: Integrator = "propagator",
-) -> Told:
+) -> InitialFit:
     """The paper's iteration, from which the rounds under the full covariance go on.
 
     Arguments: as in `estimate`.
@@ -131,8 +131,8 @@ def plain_fit(
     system, words, reduced = _named(case, model)
     check_driven(system, case, window)
     system = system.select(list(range(len(case.sensors))))
-    data = experiment(case, window, weighted=weighted)
-    fit = fit_experiment(
+    data = window_data(case, window, weighted=weighted)
+    fit = fit_weighted_least_squares(
         system,
         data,
         on_device(scales(case).fourier(1.0)),
@@ -142,36 +142,36 @@ def plain_fit(
         integrator=integrator,
         max_iterations=case.choices.max_iterations,
     )
-    return Told(case, window, data, system, fit, reduced, words)
+    return InitialFit(case, window, data, system, fit, reduced, words)
 
 
-def _has_plates(case: Case, model: StateSpace | Learned) -> bool:
+def _has_plates(case: Case, model: StateSpace | LearnedModel) -> bool:
     """Whether a model gives out what the case's sensors and plates read."""
-    system = model.system if isinstance(model, Learned) else model
+    system = model.system if isinstance(model, LearnedModel) else model
     return system.C.shape[0] == len(case.sensors) + len(fluxes_of(case))
 
 
-def _named(case: Case, model: StateSpace | Learned) -> tuple[StateSpace, str, bool]:
+def _named(case: Case, model: StateSpace | LearnedModel) -> tuple[StateSpace, str, bool]:
     """A model's system, what it is in words, and whether it is a reduced one."""
-    system = model.system if isinstance(model, Learned) else model
-    reduced = isinstance(model, Learned) or system.order < case.choices.nodes - 2
+    system = model.system if isinstance(model, LearnedModel) else model
+    reduced = isinstance(model, LearnedModel) or system.order < case.choices.nodes - 2
     return system, f"{'reduced' if reduced else 'large'} model of order {system.order}", reduced
 
 
 def fit_with_flux(
     case: Case,
     window: Window,
-    model: StateSpace | Learned,
+    model: StateSpace | LearnedModel,
     start: float,
     eta: float,
     *,
     explicit_theta: bool = True,
     integrator: Integrator = "propagator",
     draws: int = 0,
-) -> tuple[Estimate, Settled]:
+) -> tuple[Estimate, GLSFit]:
     """The estimate of a case with heat flux, or with more of the wall free.
 
-    Arguments:
+    Args:
         model: its outputs are the sensors, then the plates: `whole_model`, or a reduced one; the others as in
             `estimate`.
     """
@@ -179,10 +179,10 @@ def fit_with_flux(
     check_driven(system, case, window)
     words += f", with the flux of the {' and the '.join(plates)} face" if plates else ""
     words += f", free: {', '.join(case.choices.free).replace('_', ' ')}" if case.choices.free else ""
-    data = with_flux(case, window, experiment(case, window))
-    told = Told(case, window, data, system, None, reduced, words)
-    settled, others = settled_minima(told, eta, explicit_theta, integrator, start)
-    fit = conclude(told, settled, others, draws)
+    data = with_flux(case, window, window_data(case, window))
+    told = InitialFit(case, window, data, system, None, reduced, words)
+    settled, others = gls_minima(told, eta, explicit_theta, integrator, start)
+    fit = estimate_from_gls(told, settled, others, draws)
     steps = int(settled.minimum.trace.count) - 1
     found = thermal(case, window, settled) if plates else None
     return replace(fit, thermal=found, iterations=steps, evaluations=steps + 1), settled
@@ -204,14 +204,14 @@ def check_draws(draws: int, weights: str = "noise") -> None:
 
 def seconds_of_estimate(case: Case, window: Window, model: StateSpace) -> float:
     """What one warm estimate costs: the median of up to thirty in some tenths of a second, compilation apart."""
-    data, per_alpha = experiment(case, window), on_device(scales(case).fourier(1.0))
+    data, per_alpha = window_data(case, window), on_device(scales(case).fourier(1.0))
     start, eta = on_device(case.wall.diffusivity_prior), on_device(case.choices.eta)
-    jax.block_until_ready(fit_experiment(model, data, per_alpha, start, eta))
+    jax.block_until_ready(fit_weighted_least_squares(model, data, per_alpha, start, eta))
     taken: list[float] = []
     # a short one takes no longer than what else the machine does in between: a few would tell of that
     while len(taken) < _FEWEST_TIMED or (len(taken) < _MOST_TIMED and sum(taken) < _TIMED_FOR):
         began = clock.perf_counter()
-        jax.block_until_ready(fit_experiment(model, data, per_alpha, start, eta))
+        jax.block_until_ready(fit_weighted_least_squares(model, data, per_alpha, start, eta))
         taken.append(clock.perf_counter() - began)
     return float(np.median(taken))
 
@@ -219,5 +219,5 @@ def seconds_of_estimate(case: Case, window: Window, model: StateSpace) -> float:
 def theta_kelvin(system: StateSpace, case: Case, window: Window, diffusivity: float) -> np.ndarray:
     """`dT/d(ln alpha)` at a model's outputs over a window, K, `(time, output)`; of a flux that of q L / k."""
     fourier = scales(case).fourier(diffusivity)
-    _, theta = explicit(system, fourier, experiment(case, window))
+    _, theta = explicit(system, fourier, window_data(case, window))
     return np.asarray(theta) * fourier * scales(case).temperature

@@ -19,14 +19,14 @@ from jaxtyping import Array, Float
 
 from ..case.case_definition import Case
 from ..case.time_window import Window, whole
-from ..inference.generalised_least_squares import settle
-from ..inference.gls_fit import Settled
-from ..inference.likelihood import Free, Problem
+from ..inference.generalised_least_squares import fit_generalised_least_squares
+from ..inference.gls_fit import GLSFit
+from ..inference.likelihood import LikelihoodProblem, NuisanceModel
 from ..inference.quantity import NORMAL_95, Quantity, lognormal
 from ..models.flux_plates import fluxes_of
-from ..models.window_inputs import experiment
-from .iso_9869 import Average, average_method
-from .pooled_mean import Mean, covariance_of, mean_of
+from ..models.window_inputs import window_data
+from .iso_9869 import AverageMethod, average_method
+from .pooled_mean import PooledMean, covariance_of, mean_of
 
 R_SURFACES = 0.13 + 0.04  # m2 K/W, inside and outside (ISO 6946)
 _FEWEST_HALF = 50  # rows of a half that is to predict the other
@@ -36,7 +36,7 @@ _FEWEST_HALF = 50  # rows of a half that is to predict the other
 class HeldOut:
     """The first half's estimate held against the flux of the second half.
 
-    Arguments:
+    Args:
         coverage: share of the second half's readings within their 95 % interval. rms: W/m2, of what was missed.
         hours: of each half. readings: in the second half.
     """
@@ -55,10 +55,10 @@ class HeldOut:
 
 
 @dataclass(frozen=True)
-class Thermal:
+class ThermalProperties:
     """What the fluxes told of a wall.
 
-    Arguments:
+    Args:
         conductivity, heat_capacity: W/m/K and J/m3/K, for the stated length.
         resistance, areal_heat_capacity: m2 K/W and J/m2/K, face to face, whatever the length.
         transmittance: W/m2/K, with the standard surface resistances.
@@ -75,7 +75,7 @@ class Thermal:
     areal_heat_capacity: Quantity
     transmittance: Quantity
     gains: dict[str, tuple[float, float]]
-    averages: tuple[Average, ...]
+    averages: tuple[AverageMethod, ...]
     held_out: HeldOut | None
     assumed: bool
 
@@ -95,7 +95,7 @@ class Thermal:
         return "\n".join([*lines, *([str(self.held_out)] if self.held_out is not None else [])])
 
 
-def thermal(case: Case, window: Window, settled: Settled) -> Thermal:
+def thermal(case: Case, window: Window, settled: GLSFit) -> ThermalProperties:
     """What the fluxes of a settled estimate tell."""
     logs = _logs(settled, case.wall.length)
 
@@ -112,7 +112,7 @@ def thermal(case: Case, window: Window, settled: Settled) -> Thermal:
     return _thermal(case, window, *properties, gains, _held_out(case, window, settled))
 
 
-def pooled_thermal(case: Case, windows: Sequence[Settled]) -> tuple[Thermal, Mean]:
+def pooled_thermal(case: Case, windows: Sequence[GLSFit]) -> tuple[ThermalProperties, PooledMean]:
     """What the fluxes of several windows tell together, and the mean of their ln(conductivity).
 
     The mean of each quantity's logarithm and of each plate's calibration, all windows with the same errors of the
@@ -135,9 +135,9 @@ def pooled_thermal(case: Case, windows: Sequence[Settled]) -> tuple[Thermal, Mea
     return _thermal(case, whole(case), *properties, gains, None), means["conductivity"]
 
 
-def _logs(settled: Settled, length: float) -> dict[str, tuple[float, np.ndarray]]:
+def _logs(settled: GLSFit, length: float) -> dict[str, tuple[float, np.ndarray]]:
     """ln(conductivity), ln(heat capacity) and each plate's gain, and what combination of the parameters each is."""
-    names, free, y = settled.names, settled.problem.free, np.asarray(settled.minimum.parameters)
+    names, free, y = settled.names, settled.problem.nuisance, np.asarray(settled.minimum.parameters)
     unit, place = np.eye(len(y)), 1 + names.conductivity
     log_k = math.log(float(free.flux[0]) / float(settled.problem.data.temperature) * length) + free.log_std * y[place]
     along_k = free.log_std * unit[place]
@@ -157,7 +157,7 @@ def _thermal(
     heat_capacity: Quantity,
     gains: dict[str, tuple[float, float]],
     held_out: HeldOut | None,
-) -> Thermal:
+) -> ThermalProperties:
     """All that follows from conductivity and heat capacity, and the average method over a window beside it."""
     length, k = case.wall.length, conductivity
     ends = tuple(length / end for end in k.interval_95[::-1])
@@ -167,7 +167,7 @@ def _thermal(
     c = heat_capacity
     areal = Quantity(length * c.value, length * c.std, (length * c.interval_95[0], length * c.interval_95[1]), "J/m2/K")
     part = case.record.window(window.row, window.rows)
-    return Thermal(
+    return ThermalProperties(
         conductivity=conductivity,
         heat_capacity=heat_capacity,
         resistance=resistance,
@@ -182,20 +182,24 @@ def _thermal(
     )
 
 
-def _held_out(case: Case, window: Window, settled: Settled) -> HeldOut | None:
+def _held_out(case: Case, window: Window, settled: GLSFit) -> HeldOut | None:
     """Estimate from the first half, predict the second on from there."""
     half, plates = window.rows // 2, len(fluxes_of(case))
     there = np.asarray(settled.problem.data.weight)[:, -plates:] > 0
     if half < _FEWEST_HALF or not (there[:half].any() and there[half:].any()):
         return None
-    model, data = settled.problem.system, experiment(case, window)
-    early = settle(case, window, data, model, settled.diffusivity, eta=1e-6, rows_used=half)
-    predicted, J = (np.asarray(part) for part in _linear(settled.problem, early.problem.free, early.minimum.parameters))
+    model, data = settled.problem.system, window_data(case, window)
+    early = fit_generalised_least_squares(case, window, data, model, settled.diffusivity, eta=1e-6, rows_used=half)
+    predicted, J = (
+        np.asarray(part) for part in _linear(settled.problem, early.problem.nuisance, early.minimum.parameters)
+    )
     data, there = settled.problem.data, there[half:]
     missed = (np.asarray(data.observed) - predicted)[half:, -plates:]
     noise = early.robust or early.noise
-    own = np.asarray(settled.shape.sensor_std)[-plates:] ** 2 * (noise.white + noise.lasting)
-    faces = (settled.shape.face_std**2 * (noise.white + noise.lasting)) * np.sum(settled.shape.response**2, axis=(0, 1))
+    own = np.asarray(settled.shape.sensor_std)[-plates:] ** 2 * (noise.white + noise.autocorrelated)
+    faces = (settled.shape.face_std**2 * (noise.white + noise.autocorrelated)) * np.sum(
+        settled.shape.response**2, axis=(0, 1)
+    )
     late = J[half:, -plates:]
     variance = own + faces[-plates:] + np.einsum("tsp,pq,tsq->ts", late, early.covariance, late)
     inside = np.abs(missed) <= NORMAL_95 * np.sqrt(variance)
@@ -208,8 +212,8 @@ def _held_out(case: Case, window: Window, settled: Settled) -> HeldOut | None:
 
 
 @eqx.filter_jit
-def _linear(problem: Problem, free: Free, y: Float[Array, " param"]) -> tuple[Array, Array]:
+def _linear(problem: LikelihoodProblem, free: NuisanceModel, y: Float[Array, " param"]) -> tuple[Array, Array]:
     """Predictions at the rows and their derivatives, `(time, channel, param)`."""
-    problem = eqx.tree_at(lambda p: p.free, problem, free)
+    problem = eqx.tree_at(lambda p: p.nuisance, problem, free)
     slopes, predicted = jax.jacfwd(lambda y: (problem.predicted(y),) * 2, has_aux=True)(y)
     return predicted, slopes

@@ -29,10 +29,10 @@ _CLOSE = 0.05
 
 
 @dataclass(frozen=True)
-class Average:
+class AverageMethod:
     """The average method's resistance from one flux plate.
 
-    Arguments:
+    Args:
         face: "left" or "right", where the plate is.
         resistance: m2 K/W, face to face, as plain averages give it; None where the mean flux is none.
         corrected: the same without the heat stored; None without a capacity.
@@ -71,10 +71,10 @@ class Average:
 
 def average_method(
     faces: np.ndarray, flux: np.ndarray, step: float, face: str, areal_heat_capacity: float | None = None
-) -> Average:
+) -> AverageMethod:
     """The average method on one plate's readings.
 
-    Arguments:
+    Args:
         faces: left and right face, degC, `(time, 2)`. flux: W/m2, positive along +x, NaN where missing.
         step: s. face: of the plate, "left" or "right".
         areal_heat_capacity: J/m2/K, for the heat stored; None leaves it in.
@@ -94,7 +94,7 @@ def average_method(
     part = int(2 * days / 3) * per_day
     first, last = (over(start, part, None) if part else None for start in (0, rows - part))
     day, thirds = _apart(whole, before), _apart(first, last)
-    return Average(
+    return AverageMethod(
         face=face,
         resistance=whole,
         corrected=corrected,

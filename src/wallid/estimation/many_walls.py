@@ -14,21 +14,21 @@ import optimistix as optx
 from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Int
 
-from ..inference.weighted_least_squares import Problem, searched, stacked
+from ..inference.weighted_least_squares import WeightedProblem, searched, stacked
 from ..models.batching import Sweep, sweep
 from ..models.integration import ArrayLike
 from ..models.recurrence.single_kernel import is_small
 from ..models.state_space import StateSpace, require_x64
-from ..models.window_inputs import Experiment
+from ..models.window_inputs import WindowData
 
 _ITERATIONS = 40  # Gauss-Newton needs some six; a wall that takes more says so
 _TOGETHER = 32  # walls: their numbers stay in a core's cache; one where a wall's whole search is one kernel
 
 
-class Walls(eqx.Module):
+class WallEstimates(eqx.Module):
     """What a sweep over walls gives, a row a wall.
 
-    Arguments:
+    Args:
         diffusivity: m2/s.
         relative_std: of it by the readings' noise as stated, 1; infinite where the record holds nothing.
         chi_square: reduced, of the weighted misfit.
@@ -50,7 +50,7 @@ class Walls(eqx.Module):
 
 def estimate_walls(
     systems: StateSpace,
-    data: Experiment,
+    data: WindowData,
     fourier_per_alpha: Float[ArrayLike, " wall"],
     start: Float[ArrayLike, " wall"],
     *,
@@ -58,10 +58,10 @@ def estimate_walls(
     way: Sweep = "map",
     chunk: int | None = None,
     mesh: Mesh | None = None,
-) -> Walls:
+) -> WallEstimates:
     """The diffusivity of each of many walls, from models and records that differ in their numbers only.
 
-    Arguments:
+    Args:
         systems, data: one large or reduced model, and one window's experiment, a wall: made by `stack`. Records may
             have missing readings; they all have the same number of rows and of sensors.
         fourier_per_alpha: Fo for a diffusivity of 1 m2/s, `scales(case).fourier(1.0)`.
@@ -78,13 +78,13 @@ def estimate_walls(
     if chunk is None:
         one = jax.tree.map(lambda leaf: leaf[0], systems)
         chunk = 1 if is_small(one) else _TOGETHER
-    return Walls(**sweep(_one, arrays, static, jnp.asarray(eta, float), way=way, chunk=chunk, mesh=mesh))
+    return WallEstimates(**sweep(_one, arrays, static, jnp.asarray(eta, float), way=way, chunk=chunk, mesh=mesh))
 
 
 def _one(arrays: tuple, static: tuple, eta: Float[Array, ""]) -> dict[str, Array]:
     """The numbers of one wall, by the names that `Walls` gives them."""
     system, data, fourier_per_alpha, start = eqx.combine(arrays, static)
-    problem = Problem(system, data, fourier_per_alpha, start, True, "propagator")
+    problem = WeightedProblem(system, data, fourier_per_alpha, start, True, "propagator")
     solution = searched(problem, eta, _ITERATIONS)
     jacobian = stacked(*solution.stats["jacobian"])
     # offsets projected out: what is left of the diffusivity's column when it is cleared of theirs

@@ -17,23 +17,23 @@ import numpy as np
 from .._internal.errors import InputError
 from ..case.case_definition import Case
 from ..case.time_window import Window, window_rows
-from ..inference.gls_fit import Settled
+from ..inference.gls_fit import GLSFit
 from ..inference.quantity import Quantity
 from ..models.flux_plates import fluxes_of
-from ..models.plate_model import whole_model
+from ..models.plate_model import full_order_model_with_plates
 from ..models.state_space import StateSpace
-from .conclusion import conclude, settled_minima
-from .diffusivity import fit_with_flux, plain_fit
-from .heat_flux import Thermal, pooled_thermal
-from .pooled_mean import Mean, covariance_of, mean_of
+from .conclusion import estimate_from_gls, gls_minima
+from .diffusivity import fit_with_flux, initial_fit
+from .heat_flux import ThermalProperties, pooled_thermal
+from .pooled_mean import PooledMean, covariance_of, mean_of
 from .result_objects import Estimate
 
 
 @dataclass(frozen=True, eq=False)
-class Pooled:
+class CampaignEstimate:
     """One diffusivity from all informative windows of a record.
 
-    Arguments:
+    Args:
         windows, fits: every window and its own estimate (None: no reading in it).
         labels: when each begins.
         used: which are informative and in the mean.
@@ -49,13 +49,13 @@ class Pooled:
     fits: tuple[Estimate | None, ...] = field(repr=False)
     labels: tuple[str, ...] = field(repr=False)
     used: tuple[int, ...]
-    mean: Mean | None
+    mean: PooledMean | None
     interval_95: tuple[float, float]
     reliable: bool
     reason: str
     covariance: np.ndarray = field(repr=False)
-    thermal: Thermal | None = None
-    conduction: Mean | None = None
+    thermal: ThermalProperties | None = None
+    conduction: PooledMean | None = None
 
     @property
     def value(self) -> float:
@@ -111,13 +111,13 @@ def campaign(
     windows: Sequence[Window] | None = None,
     model: StateSpace | None = None,
     progress: Callable[[int, int], None] = lambda done, of: None,
-) -> Pooled:
+) -> CampaignEstimate:
     """One diffusivity from all windows of a record, laid end to end, and whether they agree.
 
     One compiled estimate serves all windows; they are taken by the large model, which knows every window's faces, with
     the plates' fluxes where there are any.
 
-    Arguments:
+    Args:
         window_days: None for the case's choice.
         windows: by hand, none over another; None for all that fit into the record's unbroken parts.
         model: a large model at hand, the plates after the sensors.
@@ -132,7 +132,7 @@ def campaign(
         )
     rows = window_rows(case, case.choices.window_days if window_days is None else window_days)
     laid = _laid(case, rows) if windows is None else _checked(windows)
-    system = whole_model(case) if model is None else model
+    system = full_order_model_with_plates(case) if model is None else model
     fits, settled = [], []
     for k, window in enumerate(laid):
         progress(k, len(laid))
@@ -149,16 +149,16 @@ def _has_reading(case: Case, window: Window) -> bool:
     return any(bool(np.isfinite(course[window.part]).any()) for course in courses)
 
 
-def _one(case: Case, window: Window, system: StateSpace) -> tuple[Estimate, Settled]:
+def _one(case: Case, window: Window, system: StateSpace) -> tuple[Estimate, GLSFit]:
     prior, eta = case.wall.diffusivity_prior, case.choices.eta
     if fluxes_of(case):
         return fit_with_flux(case, window, system, prior, eta)
-    told = plain_fit(case, window, system, prior, eta)
-    settled, others = settled_minima(told, eta, True, "propagator")
-    return conclude(told, settled, others, 0), settled
+    told = initial_fit(case, window, system, prior, eta)
+    settled, others = gls_minima(told, eta, True, "propagator")
+    return estimate_from_gls(told, settled, others, 0), settled
 
 
-def _pooled(case: Case, laid, fits, informative, used: tuple[int, ...]) -> Pooled:
+def _pooled(case: Case, laid, fits, informative, used: tuple[int, ...]) -> CampaignEstimate:
     """The mean of the informative windows, and whether it can be relied on."""
     mean, interval, covariance = None, (math.nan, math.nan), np.zeros((0, 0))
     with_plates = [settled for fit, settled in informative if fit.has_flux]
@@ -175,7 +175,7 @@ def _pooled(case: Case, laid, fits, informative, used: tuple[int, ...]) -> Poole
         if factor > most:
             disagree = "the windows disagree, and " if mean.between else ""
             reason = f"{disagree}its 95 % interval spans a factor of {factor:.3g}, more than {most:g}"
-    return Pooled(
+    return CampaignEstimate(
         windows=tuple(laid),
         fits=tuple(fits),
         labels=tuple(str(case.record.stamp(window.row)) for window in laid),
@@ -190,7 +190,7 @@ def _pooled(case: Case, laid, fits, informative, used: tuple[int, ...]) -> Poole
     )
 
 
-def _covariance(informative: Sequence[tuple[Estimate, Settled]]) -> np.ndarray:
+def _covariance(informative: Sequence[tuple[Estimate, GLSFit]]) -> np.ndarray:
     """Of the windows' ln(alpha)."""
     shared, stds = [], []
     for fit, settled in informative:

@@ -26,10 +26,10 @@ DISAGREE = 0.05  # p under which values do not agree
 
 
 @dataclass(frozen=True)
-class Mean:
+class PooledMean:
     """The mean of correlated values.
 
-    Arguments:
+    Args:
         value, std: of the mean; std with the variance between them. quantile: 97.5 %, in `std`.
         chi_square, freedom, p_value: of their agreement; p is NaN for a single value.
         between: standard deviation between them beyond their own, 0 where they agree.
@@ -59,10 +59,10 @@ class Mean:
         )
 
 
-def mean_of(values: np.ndarray, covariance: np.ndarray, quantile: float = NORMAL_95) -> Mean:
+def mean_of(values: np.ndarray, covariance: np.ndarray, quantile: float = NORMAL_95) -> PooledMean:
     """The generalised least-squares mean of values, widened where they disagree.
 
-    Arguments:
+    Args:
         quantile: of each value's own interval, 97.5 %.
     """
     count, freedom = len(values), len(values) - 1
@@ -77,7 +77,7 @@ def mean_of(values: np.ndarray, covariance: np.ndarray, quantile: float = NORMAL
     m, variance, chi_square, weights = mean(0.0)
     p_value = float(scipy.special.chdtrc(freedom, chi_square)) if freedom else math.nan
     if not p_value < DISAGREE:
-        return Mean(m, math.sqrt(variance), quantile, chi_square, freedom, p_value, 0.0, weights)
+        return PooledMean(m, math.sqrt(variance), quantile, chi_square, freedom, p_value, 0.0, weights)
 
     top = 2.0 * float(np.ptp(values)) + 1e-12
     while mean(top)[2] > freedom:
@@ -88,13 +88,13 @@ def mean_of(values: np.ndarray, covariance: np.ndarray, quantile: float = NORMAL
     between = float(found.root)
     m, variance, _, weights = mean(between)
     wide = max(quantile, float(scipy.special.stdtrit(freedom, 0.975)))
-    return Mean(m, math.sqrt(variance), wide, chi_square, freedom, p_value, between, weights)
+    return PooledMean(m, math.sqrt(variance), wide, chi_square, freedom, p_value, between, weights)
 
 
 def covariance_of(stds: np.ndarray, shared: np.ndarray) -> np.ndarray:
     """C: each value's own standard deviation, and what the same constants make of all of them.
 
-    Arguments:
+    Args:
         stds: `(value,)`. shared: `b`, `(value, constant)`.
     """
     covariance = shared @ shared.T

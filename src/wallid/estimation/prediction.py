@@ -18,7 +18,7 @@ from ..models.error_measures import eps_2
 from ..models.finite_volume_wall import Output
 from ..models.integration import simulate
 from ..models.state_space import StateSpace
-from ..models.window_inputs import Experiment, check_driven, experiment, large_model
+from ..models.window_inputs import WindowData, check_driven, full_order_model, window_data
 from .result_objects import Estimate
 
 _LOAD_STEPS = (0.8, 0.9, 1.0, 1.1, 1.2)  # of the diffusivity, as in the paper's figure
@@ -29,7 +29,7 @@ _AT_ESTIMATE = _LOAD_STEPS.index(1.0)
 class Loads:
     """Heat through the inner face at fixed conductivity, `c = k/alpha`.
 
-    Arguments:
+    Args:
         flux: j = -k dT/dx at the inner face, positive along +x, W/m2; NaN in the first row, where a face
             that does not meet the initial profile makes it whatever the mesh is.
         factors: of the estimated diffusivity.
@@ -54,10 +54,10 @@ class Loads:
 
 
 @dataclass(frozen=True)
-class Reliability:
+class Prediction:
     """The record's sensors predicted with the prior and with the estimate.
 
-    Arguments:
+    Args:
         days: of the rows, from the record's first; of a broken record its longest part.
         measured, prior, predicted: degC, `(time, sensor)`.
         sigma: the paper's combined uncertainty of each reading, K, `(time, sensor)`.
@@ -106,12 +106,12 @@ class Reliability:
         return "\n".join(lines)
 
 
-def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> Reliability:
+def predict(case: Case, fit: Estimate, model: StateSpace | None = None) -> Prediction:
     """Predict the whole record with the prior and with the estimate, by `diffrax.diffeqsolve`.
 
     Of a broken record, that is its longest part.
 
-    Arguments:
+    Args:
         model: the model to predict with, such as the reduced one; None for the large model.
 
     Raises:
@@ -119,14 +119,14 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
     """
     window = whole(case)
     inner = 0.0 if case.wall.inside == "left" else case.wall.length
-    large = large_model(
+    large = full_order_model(
         case,
         [*(Output(s.position, "gradient", f"gradient {s.name}") for s in case.sensors), Output(inner, "flux")],
     )
     sensors = len(case.sensors)
     model = (large if model is None else model).select(list(range(sensors)))
     check_driven(model, case, window)
-    data, scale = experiment(case, window), scales(case)
+    data, scale = window_data(case, window), scales(case)
     alphas = np.array([case.wall.diffusivity_prior, fit.value])
     prior, predicted = scale.celsius(np.asarray(_predict(model, on_device(scale.fourier(alphas)), data)))
     offsets = np.array([fit.offsets.get(sensor.name, (0.0, 0.0))[0] for sensor in case.sensors])
@@ -134,7 +134,7 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
     extra = large.select(list(range(sensors, 2 * sensors + 1)))
     slopes = np.asarray(_predict(extra, on_device(scale.fourier(fit.value * factors)), data))
     slopes = slopes * scale.temperature / case.wall.length
-    return Reliability(
+    return Prediction(
         days=case.record.days[window.part],
         names=tuple(sensor.name for sensor in case.sensors),
         measured=np.asarray(case.record.sensors)[window.part],
@@ -151,7 +151,7 @@ def reliability(case: Case, fit: Estimate, model: StateSpace | None = None) -> R
 
 
 @eqx.filter_jit
-def _predict(system: StateSpace, fourier: Float[Array, " case"], data: Experiment) -> Float[Array, "case time output"]:
+def _predict(system: StateSpace, fourier: Float[Array, " case"], data: WindowData) -> Float[Array, "case time output"]:
     """Dimensionless outputs at each diffusivity."""
     return jax.lax.map(lambda fo: simulate(system, fo, data.time, data.inputs, data.initial)[0], fourier)
 

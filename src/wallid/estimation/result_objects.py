@@ -12,7 +12,7 @@ from ..case.time_window import Window
 from ..inference.identifiability import Identifiability
 from ..inference.parametric_bootstrap import Bootstrap
 from ..inference.quantity import Quantity
-from .heat_flux import Thermal
+from .heat_flux import ThermalProperties
 
 _WORDS = {"film_left": "left film", "film_right": "right film"}
 
@@ -21,7 +21,7 @@ _WORDS = {"film_left": "left film", "film_right": "right film"}
 class Estimate:
     """A diffusivity with its interval, and how it was found.
 
-    Arguments:
+    Args:
         value, std: m2/s. `std` is that of ln(alpha) times alpha: from the noise of sensors and faces, and from
             offsets, position errors and the initial profile within their priors. With `weights="none"` from
             the paper's simple sigma, and wider by the square root of the reduced chi-square where that is above 1.
@@ -81,7 +81,7 @@ class Estimate:
     noise: str = "the paper's simple sigma"
     shares: dict[str, float] = field(default_factory=dict)
     bootstrap: Bootstrap | None = None
-    thermal: Thermal | None = None
+    thermal: ThermalProperties | None = None
     identifiability: Identifiability | None = None
     structure: dict[str, Quantity] = field(default_factory=dict)
 

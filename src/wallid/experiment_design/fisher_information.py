@@ -29,7 +29,7 @@ from .._internal.errors import InputError
 from .._internal.validation import one_of
 from ..case.case_definition import Case
 from ..case.wall_and_sensors import Sensor
-from .information_contributions import Seen, Whitening, whitened
+from .information_contributions import Contribution, Whitening, whitened
 
 Criterion = Literal["D", "A", "E"]
 Of = Literal["diffusivity", "constants", "all"]
@@ -96,7 +96,7 @@ def merit(sizes: Float[np.ndarray, "case candidate"], robust: Robust) -> Float[n
         return np.exp(np.mean(np.log(share), axis=0))
 
 
-def fisher(seen: Sequence[Seen], whitening: Whitening) -> Float[np.ndarray, "param param"]:
+def fisher(seen: Sequence[Contribution], whitening: Whitening) -> Float[np.ndarray, "param param"]:
     """M over ln(alpha), what all sensors share, then each sensor's own, with the priors in."""
     white = whitened(seen, whitening)
     return white.T @ white + np.diag((np.arange(white.shape[1]) > 0).astype(float))
@@ -118,13 +118,13 @@ def std_of(matrix: Float[np.ndarray, "param param"]) -> float:
     return 1.0 / math.sqrt(on_log) if on_log > HOPELESS**-2 else math.inf
 
 
-def told(matrix: Float[np.ndarray, "param param"], criterion: Criterion, kept: list[int]) -> float:
+def criterion_of(matrix: Float[np.ndarray, "param param"], criterion: Criterion, kept: list[int]) -> float:
     """The criterion of what M says of some parameters; of the diffusivity alone every one is its information."""
     found = on(matrix, kept)
     return max(float(found[0, 0]), 0.0) if len(kept) == 1 else size(found, criterion)
 
 
-def kept(of: Of, seen: Sequence[Seen]) -> list[int]:
+def kept(of: Of, seen: Sequence[Contribution]) -> list[int]:
     """The places in M of the parameters that a criterion is of."""
     shared, own = seen[0].shared.shape[1], sum(one.own.shape[1] for one in seen)
     if of == "all":

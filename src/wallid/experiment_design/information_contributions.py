@@ -20,16 +20,16 @@ from ..case.time_window import Window
 from ..case.wall_and_sensors import Sensor
 from ..inference.noise_covariance import MOST_READINGS
 from ..inference.nuisance_parameters import CONDUCTIVITY_STD, noise_within
-from ..inference.position_errors import depth_columns, flux_columns
+from ..inference.position_errors import face_position_flux_jacobian, face_position_jacobian
 from ..models.flux_plates import conductance_of, flux_gain_std, flux_noise_std, fluxes_of
-from .predicted_response import Courses, held
+from .predicted_response import PredictedResponse, held
 
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
     """The Cholesky factor of the readings' covariance, sensor after sensor.
 
-    Arguments:
+    Args:
         root: L, `R = L L'`. through: what each reading makes of the faces' noise in each bin, K.
     """
 
@@ -56,10 +56,10 @@ class Whitening:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Contribution:
     """One sensor's or plate's binned readings in one window: derivatives and noise.
 
-    Arguments:
+    Args:
         shared: by ln(alpha), the faces' places, common noise, modes, and with plates ln(conductivity), K.
         own: by its offset and its position error, or by its calibration, K.
         through, variance: of the faces' noise and its own, where there is a reading. present: those bins.
@@ -73,16 +73,16 @@ class Seen:
 
 
 @dataclass(eq=False)
-class Looking:
+class WindowContributions:
     """Windows seen at one diffusivity, with what is kept from window to window.
 
-    Arguments:
+    Args:
         rows: of the record in each window.
         stride: rows of the courses from one reading to the next, of faces and sensors alike.
     """
 
     case: Case
-    courses: Courses
+    courses: PredictedResponse
     starts: np.ndarray
     rows: int
     bin_rows: int = 1
@@ -109,7 +109,7 @@ class Looking:
             self.toeplitz[place] = np.concatenate(parts, axis=1)
         return self.toeplitz[place]
 
-    def seen(self, window: int, place: int, sensor: Sensor, present: np.ndarray | None = None) -> Seen:
+    def contribution(self, window: int, place: int, sensor: Sensor, present: np.ndarray | None = None) -> Contribution:
         """What a sensor at a place sees; without `present` it has a reading in every row."""
         courses, rows = self.courses, slice(None, None, self.stride)
         slope = courses.slope[window, rows, place]
@@ -125,21 +125,23 @@ class Looking:
             own.append(sensor.position_std * gradient)
         return self._seen(place, shared, own, sensor.noise_std, present)
 
-    def logged(self, window: int, present: np.ndarray, read: np.ndarray) -> list[tuple[int, Seen]]:
+    def contributions_of_case(
+        self, window: int, present: np.ndarray, read: np.ndarray
+    ) -> list[tuple[int, Contribution]]:
         """What the case's sensors and plates see, each with its place among the outputs.
 
-        Arguments:
+        Args:
             present, read: where there is a temperature, `(time, sensor)`, and a flux that is used, `(time, flux)`.
         """
         sensors, first = self.case.sensors, len(self.courses.places)
-        found = [(s, self.seen(window, s, sensor, present[:, s])) for s, sensor in enumerate(sensors)]
+        found = [(s, self.contribution(window, s, sensor, present[:, s])) for s, sensor in enumerate(sensors)]
         return found + [(place, self._plate(window, place, there)) for place, there in enumerate(read.T, start=first)]
 
-    def _plate(self, window: int, place: int, present: np.ndarray) -> Seen:
+    def _plate(self, window: int, place: int, present: np.ndarray) -> Contribution:
         case, rows = self.case, slice(None, None, self.stride)
         slope, flux = (course[window, rows, place] for course in (self.courses.slope, self.courses.temperature))
         std, gain_std = case.record.face_position_std, flux_gain_std(case)
-        moved = std * flux_columns(slope, flux, case.wall.length) if std > 0 else []
+        moved = std * face_position_flux_jacobian(slope, flux, case.wall.length) if std > 0 else []
         common = [np.zeros(len(slope)) for _ in self.common(window)]
         shared = [slope, *moved, *common, *self.waves(window, place), CONDUCTIVITY_STD * flux]
         own = [gain_std * flux] if gain_std > 0 else []
@@ -152,12 +154,12 @@ class Looking:
         own: Sequence[np.ndarray],
         noise_std: float,
         present: np.ndarray | None,
-    ) -> Seen:
+    ) -> Contribution:
         """Derivatives at the rows put together."""
         present = np.ones(len(shared[0]), bool) if present is None else present
         values, count = self.binned(np.column_stack([*shared, *own]), present)
         there = count > 0
-        return Seen(
+        return Contribution(
             shared=values[there, : len(shared)],
             own=values[there, len(shared) :],
             through=self.through(place)[there],
@@ -170,7 +172,7 @@ class Looking:
         std = self.case.record.face_position_std
         if std == 0.0:
             return np.zeros((0, len(slope)))
-        return std * depth_columns(slope, gradient, self.courses.places[place], self.case.wall.length)
+        return std * face_position_jacobian(slope, gradient, self.courses.places[place], self.case.wall.length)
 
     def binned(
         self, values: Float[np.ndarray, "time column"], present: np.ndarray
@@ -199,7 +201,7 @@ class Looking:
         waves = self.courses.waves[:, :: self.stride, place]
         return span / np.arange(1, len(waves) + 1)[:, None] * waves
 
-    def whitening(self, keys: Sequence[tuple[int, Seen]]) -> Whitening:
+    def whitening(self, keys: Sequence[tuple[int, Contribution]]) -> Whitening:
         """Of several sensors at places; the same sensors with the same rows missing are gone through once."""
         key = tuple((place, seen.present) for place, seen in keys)
         if key not in self.kept:
@@ -210,7 +212,7 @@ class Looking:
         return self.kept[key]
 
 
-def whitened(seen: Sequence[Seen], whitening: Whitening) -> Float[np.ndarray, "reading param"]:
+def whitened(seen: Sequence[Contribution], whitening: Whitening) -> Float[np.ndarray, "reading param"]:
     """`L^-1 J` over ln(alpha), what all sensors share, then each sensor's own."""
     own = sum(one.own.shape[1] for one in seen)
     shared = seen[0].shared.shape[1]

@@ -18,17 +18,17 @@ from .._internal.arrays import on_device
 from ..case.case_definition import Case
 from ..case.initial_profile import PROFILE_MODES, dimensionless_profile, fit_profile, profile_degree, scales
 from ..inference.likelihood import face_response
-from ..models.finite_volume_wall import Output, lom
+from ..models.finite_volume_wall import Output, finite_volume_model
 from ..models.flux_plates import plate_outputs
 from ..models.integration import run_rows
 from ..models.state_space import StateSpace
 
 
 @dataclass(frozen=True, eq=False)
-class Courses:
+class PredictedResponse:
     """What sensors at some places, then the plates, would see in some windows at one diffusivity.
 
-    Arguments:
+    Args:
         temperature: degC; of a plate q L / k, K. slope: its derivative by ln(alpha), K. gradient: dT/dx at the places,
             K/m.
         response: to 1 K more at one row of a face, 1.
@@ -45,16 +45,16 @@ class Courses:
     faces: Float[np.ndarray, "window time face"]
     places: Float[np.ndarray, " place"]
 
-    def until(self, rows: int) -> Courses:
+    def until(self, rows: int) -> PredictedResponse:
         """The first so many rows."""
         timed = [field.name for field in fields(self) if field.name != "places"]
         return replace(self, **{name: getattr(self, name)[:, :rows] for name in timed})
 
 
-class Model:
+class ResponseModel:
     """A case's large model with temperatures at some places, its plates, and gradients at these places.
 
-    Arguments:
+    Args:
         places: m from the left face.
         refine: rows of the courses for each row of the record; the faces are straight lines between its rows.
     """
@@ -63,7 +63,9 @@ class Model:
         self.case, self.refine, self.places = case, refine, np.asarray(places, dtype=float)
         self.outputs = [*(Output(x) for x in places), *plate_outputs(case)]
         outputs = [*self.outputs, *(Output(x, "gradient") for x in places)]
-        self.system = lom(case.wall, outputs, nodes=case.choices.nodes, profile_degree=profile_degree(case)).modal()
+        self.system = finite_volume_model(
+            case.wall, outputs, nodes=case.choices.nodes, profile_degree=profile_degree(case)
+        ).modal()
         self.scale = scales(case)
 
     def faces(self, start: int, rows: int) -> Float[np.ndarray, "time face"]:
@@ -75,7 +77,9 @@ class Model:
         ends = np.arange((rows - 1) * self.refine + 1) / self.refine
         return np.stack([np.interp(ends, np.arange(rows), course) for course in own.T], axis=1)
 
-    def courses(self, starts: np.ndarray, rows: int, diffusivity: float, faces: np.ndarray | None = None) -> Courses:
+    def predict(
+        self, starts: np.ndarray, rows: int, diffusivity: float, faces: np.ndarray | None = None
+    ) -> PredictedResponse:
         """The courses in windows that begin at these rows, with the record's faces or others in their place."""
         case, scale = self.case, self.scale
         faces = np.stack([self.faces(int(row), rows) for row in starts]) if faces is None else faces
@@ -94,7 +98,7 @@ class Model:
         shapes = np.asarray(self.system.C)[:outputs, ::-1][:, :modes]
         fade = np.exp(fourier * step * np.outer(rates, np.arange(faces.shape[1])))
         u = np.asarray(u)
-        return Courses(
+        return PredictedResponse(
             temperature=np.concatenate([scale.celsius(u[:, :, :P]), scale.temperature * u[:, :, P:outputs]], axis=2),
             slope=scale.temperature * fourier * np.asarray(theta)[:, :, :outputs],
             gradient=scale.temperature / case.wall.length * u[:, :, outputs:],

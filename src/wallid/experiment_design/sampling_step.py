@@ -15,15 +15,15 @@ from ..inference.quantity import NORMAL_95
 from ..models.flux_plates import untold_rows
 from ..records.table_columns import FEWEST_ROWS
 from .fisher_information import fisher, std_of
-from .information_contributions import Looking, rows_per_bin, whitened
-from .predicted_response import Model
+from .information_contributions import WindowContributions, rows_per_bin, whitened
+from .predicted_response import ResponseModel
 
 
 @dataclass(frozen=True, eq=False)
-class Sampling:
+class SamplingComparison:
     """What the interval would be with faces and sensors logged more often or more rarely.
 
-    Arguments:
+    Args:
         steps: s, from row to row. rows: how many the window has then.
         std: the relative standard error of the diffusivity that is expected, 1. spans: of the 95 % interval, its upper
             end over its lower.
@@ -61,20 +61,20 @@ class Sampling:
         return "\n".join(lines)
 
 
-def sampling(
+def compare_sampling_steps(
     case: Case,
     window: Window | HasBest | None = None,
     *,
     factors: Sequence[float] = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0),
     diffusivity: float | None = None,
-) -> Sampling:
+) -> SamplingComparison:
     """What the diffusivity's interval would be with a row more often or more rarely.
 
     Each reading keeps the noise that is stated; between rarer rows the faces are straight lines, whose error is told
     as a shift of the estimate. What happens between the record's own rows nobody knows: finer steps are taken along
     its straight lines.
 
-    Arguments:
+    Args:
         window: None for the whole record, or its longest unbroken part. Sensors are taken to be logged with the faces.
         factors: of the record's step: whole numbers, or one over such. Those that leave fewer than six rows are left
             out.
@@ -93,19 +93,19 @@ def sampling(
     strides = strides[(fine - 1) // strides + 1 >= FEWEST_ROWS]
     if not len(strides):
         raise InputError(f"factors = {list(factors)}: each leaves fewer than {FEWEST_ROWS} of {window.rows} rows")
-    model = Model(case, [sensor.position for sensor in case.sensors], refine)
+    model = ResponseModel(case, [sensor.position for sensor in case.sensors], refine)
     own = model.faces(window.row, window.rows)
     faces = np.stack([own, *(_straight(own, int(stride)) for stride in strides)])
     starts = np.full(len(faces), window.row)
-    courses = model.courses(starts, window.rows, alpha, faces)
+    courses = model.predict(starts, window.rows, alpha, faces)
     rows, told = (fine - 1) // strides + 1, []
     for k, stride in enumerate(strides, start=1):
         bins = rows_per_bin(int(rows[k - 1]) * len(model.outputs))
-        looking = Looking(case, courses, starts, window.rows, bins, int(stride))
+        looking = WindowContributions(case, courses, starts, window.rows, bins, int(stride))
         told.append(_at_step(looking, k, case.record.step * int(stride) / refine))
     std, shift = np.array(told).T
     stamp = case.record.stamp
-    return Sampling(
+    return SamplingComparison(
         steps=case.record.step * strides / refine,
         rows=rows,
         std=std,
@@ -116,7 +116,7 @@ def sampling(
     )
 
 
-def _at_step(looking: Looking, window: int, step: float) -> tuple[float, float]:
+def _at_step(looking: WindowContributions, window: int, step: float) -> tuple[float, float]:
     """The relative standard error that rows so many seconds apart leave, and the shift of ln(alpha) by their lines."""
     case, courses = looking.case, looking.courses
     # what the readings are beside what the straight lines predict
@@ -124,7 +124,7 @@ def _at_step(looking: Looking, window: int, step: float) -> tuple[float, float]:
     present = np.ones(apart.shape, bool)
     sensors = len(case.sensors)
     present[: untold_rows(case, len(apart), step), sensors:] = False
-    keyed = looking.logged(window, present[:, :sensors], present[:, sensors:])
+    keyed = looking.contributions_of_case(window, present[:, :sensors], present[:, sensors:])
     seen, whitening = [one for _, one in keyed], looking.whitening(keyed)
     matrix = fisher(seen, whitening)
     if (std := std_of(matrix)) == math.inf:

@@ -21,9 +21,21 @@ from ..case.case_definition import Case
 from ..case.time_window import HasBest, Window, as_window, check_unbroken, whole
 from ..case.wall_and_sensors import Sensor
 from ..models.flux_plates import flux_readings
-from .fisher_information import Criterion, Of, Robust, alphas_of, check_words, fisher, kept, like, merit, std_of, told
-from .information_contributions import Looking, rows_per_bin
-from .predicted_response import Model
+from .fisher_information import (
+    Criterion,
+    Of,
+    Robust,
+    alphas_of,
+    check_words,
+    criterion_of,
+    fisher,
+    kept,
+    like,
+    merit,
+    std_of,
+)
+from .information_contributions import WindowContributions, rows_per_bin
+from .predicted_response import ResponseModel
 from .window_selection import criterion_words
 
 _CANDIDATES = 19  # evenly between the faces
@@ -33,10 +45,10 @@ _ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", 
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class SensorPlacement:
     """What one further sensor at each candidate place would add, then the next, and so on.
 
-    Arguments:
+    Args:
         places: the candidates, m from the left face.
         there: the sensors that there are, m. sensor: what a further one is like.
         diffusivities: at which it was looked, m2/s.
@@ -120,7 +132,7 @@ def _ordinal(place: int) -> str:
     return _ORDINALS[place] if place < len(_ORDINALS) else f"{place + 1}th"
 
 
-def sensor_places(
+def place_sensors(
     case: Case,
     window: Window | HasBest | None = None,
     *,
@@ -133,10 +145,10 @@ def sensor_places(
     noise_std: float | None = None,
     position_std: float | None = None,
     offset_std: float | None = None,
-) -> Places:
+) -> SensorPlacement:
     """Where a further sensor would tell most of the diffusivity, given those that there are.
 
-    Arguments:
+    Args:
         window: None for the whole record, or its longest unbroken part.
         places: candidates, m from the left face; None for 19 evenly between the faces.
         count: how many to add, one after the other.
@@ -160,24 +172,24 @@ def sensor_places(
     candidates = _candidates(case, places)
     sensor = like(case.sensors, noise_std=noise_std, position_std=position_std, offset_std=offset_std)
     there = [s.position for s in case.sensors]
-    model = Model(case, [*there, *candidates])
+    model = ResponseModel(case, [*there, *candidates])
     bin_rows = rows_per_bin(window.rows * (len(model.outputs) - len(candidates) + count))
     looks = []
     for alpha in alphas:
-        courses = model.courses(np.array([window.row]), window.rows, alpha)
-        looks.append(_Look(case, Looking(case, courses, np.array([window.row]), window.rows, bin_rows), of))
-    before = np.array([told(look.matrix, criterion, look.kept) for look in looks])
+        courses = model.predict(np.array([window.row]), window.rows, alpha)
+        looks.append(_Look(case, WindowContributions(case, courses, np.array([window.row]), window.rows, bin_rows), of))
+    before = np.array([criterion_of(look.matrix, criterion, look.kept) for look in looks])
     after, std, chosen = [], [], []
     for _ in range(count):
         found = [[look.with_one(sensor, len(there) + c) for c in range(len(candidates))] for look in looks]
-        after.append([[told(M, criterion, looks[0].kept) for M in row] for row in found])
+        after.append([[criterion_of(M, criterion, looks[0].kept) for M in row] for row in found])
         std.append([[std_of(M) for M in row] for row in found])
         best = int(np.argmax(merit(np.array(after[-1]), robust)))
         chosen.append(best)
         for look in looks:
             look.add(sensor, len(there) + best)
     stamp = case.record.stamp
-    return Places(
+    return SensorPlacement(
         places=candidates,
         there=tuple(there),
         sensor=sensor,
@@ -198,12 +210,12 @@ def sensor_places(
 class _Look:
     """The window at one diffusivity with the sensors that there are, and those added."""
 
-    def __init__(self, case: Case, looking: Looking, of: Of):
+    def __init__(self, case: Case, looking: WindowContributions, of: Of):
         window = Window(int(looking.starts[0]), looking.rows)
         present, read = (np.isfinite(x) for x in (case.record.sensors[window.part], flux_readings(case, window)))
         self.logged = np.asarray(present.any(axis=1))  # a further sensor has its readings when any of the others has
         self.looking = looking
-        self.seen = looking.logged(0, present, read)
+        self.seen = looking.contributions_of_case(0, present, read)
         self.matrix = self._fisher(self.seen)
         self.kept = kept(of, [one for _, one in self.seen])
         self.std_before = std_of(self.matrix)
@@ -213,13 +225,13 @@ class _Look:
 
     def with_one(self, sensor: Sensor, place: int) -> np.ndarray:
         """M with one more sensor."""
-        one = self.looking.seen(0, place, sensor, self.logged)
+        one = self.looking.contribution(0, place, sensor, self.logged)
         whitening = self.looking.whitening(self.seen).beside(one.through, one.variance)
         return fisher([*(seen for _, seen in self.seen), one], whitening)
 
     def add(self, sensor: Sensor, place: int) -> None:
         """Keep one more sensor."""
-        self.seen = [*self.seen, (place, self.looking.seen(0, place, sensor, self.logged))]
+        self.seen = [*self.seen, (place, self.looking.contribution(0, place, sensor, self.logged))]
 
 
 def _candidates(case: Case, places: Sequence[float] | None) -> np.ndarray:

@@ -30,10 +30,10 @@ from ..models.flux_plates import (
 from ..models.integration import Integrator
 from ..models.sensitivity_equations import explicit, profile_response
 from ..models.state_space import StateSpace
-from ..models.window_inputs import Experiment, experiment
-from .fisher_information import Criterion, Of, fisher, kept, std_of, told
-from .information_contributions import Looking, rows_per_bin
-from .predicted_response import Model
+from ..models.window_inputs import WindowData, window_data
+from .fisher_information import Criterion, Of, criterion_of, fisher, kept, std_of
+from .information_contributions import WindowContributions, rows_per_bin
+from .predicted_response import ResponseModel
 
 
 def counts_all(case: Case, full: bool | None) -> bool:
@@ -49,34 +49,34 @@ def full_sizes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The criterion, and the information on ln(alpha), with all that the interval counts.
 
-    Arguments:
+    Args:
         rows: the windows' lengths; all come from one run of the longest.
 
     Returns:
         both `(diffusivity, window, length)`, 0 for a window that the record does not hold.
     """
-    model, longest = Model(case, [sensor.position for sensor in case.sensors]), max(rows)
+    model, longest = ResponseModel(case, [sensor.position for sensor in case.sensors]), max(rows)
     sizes, on_log = np.zeros((2, len(alphas), len(starts), len(rows)))
     for a, alpha in enumerate(alphas):
-        courses = model.courses(starts, longest, alpha)
+        courses = model.predict(starts, longest, alpha)
         for k, length in enumerate(rows):
             bin_rows = rows_per_bin(length * len(model.outputs))
-            looking = Looking(case, courses.until(length), starts, length, bin_rows)
+            looking = WindowContributions(case, courses.until(length), starts, length, bin_rows)
             for w in np.flatnonzero(case.record.holds(starts, length)):
                 sizes[a, w, k], on_log[a, w, k] = _of_one(looking, int(w), criterion, of)
     return sizes, on_log
 
 
-def _of_one(looking: Looking, window: int, criterion: Criterion, of: Of) -> tuple[float, float]:
+def _of_one(looking: WindowContributions, window: int, criterion: Criterion, of: Of) -> tuple[float, float]:
     """The criterion and the information on ln(alpha) of one window."""
     case = looking.case
     at = Window(int(looking.starts[window]), looking.rows)
     present, read = np.isfinite(case.record.sensors[at.part]), np.isfinite(flux_readings(case, at))
     if not present.any() and not read.any():
         return 0.0, 0.0
-    seen = looking.logged(window, present, read)
+    seen = looking.contributions_of_case(window, present, read)
     matrix = fisher([one for _, one in seen], looking.whitening(seen))
-    return told(matrix, criterion, kept(of, [one for _, one in seen])), std_of(matrix) ** -2.0
+    return criterion_of(matrix, criterion, kept(of, [one for _, one in seen])), std_of(matrix) ** -2.0
 
 
 class StartProfiles(eqx.Module):
@@ -98,7 +98,7 @@ def start_profiles(case: Case, starts: np.ndarray) -> StartProfiles:
 class Plates(eqx.Module):
     """What a design needs to know of flux plates; none where there is no gain.
 
-    Arguments:
+    Args:
         gain_std: of each one's calibration, 1.
         untold: how many rows of a window of each length they do not tell of.
     """
@@ -117,9 +117,9 @@ class Plates(eqx.Module):
         return weight.at[:untold, weight.shape[1] - self.gain_std.shape[0] :].set(0.0)
 
 
-def watched(case: Case) -> Experiment:
+def watched(case: Case) -> WindowData:
     """The whole record with the plates after the sensors; a flux is taken over k / L, K."""
-    data, faces = experiment(case), fluxes_of(case)
+    data, faces = window_data(case), fluxes_of(case)
     if not faces:
         return data
     conductance = conductance_of(case)
@@ -128,7 +128,7 @@ def watched(case: Case) -> Experiment:
 
 
 def _slopes(
-    system: StateSpace, fo: Array, data: Experiment, plates: Plates, integrator: Integrator
+    system: StateSpace, fo: Array, data: WindowData, plates: Plates, integrator: Integrator
 ) -> tuple[Float[Array, "time output"], Float[Array, "time output constant"] | None]:
     """theta, and what one standard deviation of each constant makes of the readings, K (None: there is none).
 
@@ -146,7 +146,7 @@ def _slopes(
 
 
 def _offset_columns(
-    system: StateSpace, fo: Array, data: Experiment, integrator: Integrator
+    system: StateSpace, fo: Array, data: WindowData, integrator: Integrator
 ) -> Float[Array, "time output offset"]:
     """What one standard deviation of each estimated offset makes of the predicted readings, K."""
     places = np.asarray(data.offsets)
@@ -179,7 +179,7 @@ def _information(
 def window_information(
     system: StateSpace,
     fourier: Float[Array, " case"],
-    data: Experiment,
+    data: WindowData,
     starts: Int[Array, " window"],
     profiles: StartProfiles,
     plates: Plates,
@@ -191,7 +191,7 @@ def window_information(
 ) -> Float[Array, "case window length"]:
     """The information of each window on Fo (in u), theta restarted at each window's start.
 
-    Arguments:
+    Args:
         starts: first rows of the windows.
         system, data: with the plates after the sensors, as `watched` gives them.
         profiles: the initial profile at each start.
@@ -211,7 +211,7 @@ def _of_window(
     window: tuple[Array, StartProfiles],
     system: StateSpace,
     fourier: Array,
-    extended: Experiment,
+    extended: WindowData,
     plates: Plates,
     rows: tuple[int, ...],
     sweep: Sweep,
@@ -238,7 +238,7 @@ def _of_window(
 def cut_information(
     system: StateSpace,
     fourier: Float[Array, " case"],
-    data: Experiment,
+    data: WindowData,
     starts: Int[Array, " window"],
     plates: Plates,
     *,

@@ -12,7 +12,7 @@ from ..case.case_definition import Case
 from ..case.initial_profile import scales
 from ..case.time_window import Window, whole, window_rows
 from ..models.flux_plates import plate_outputs
-from ..models.window_inputs import large_model
+from ..models.window_inputs import full_order_model
 from ..records.table_columns import FEWEST_ROWS
 from .fisher_information import Criterion, Of, Robust, alphas_of, check_words, merit
 from .window_information import Plates, counts_all, full_sizes, start_profiles, watched, window_information
@@ -31,10 +31,10 @@ def days_within(case: Case) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True)
-class Lengths:
+class LengthComparison:
     """The paper's compromise: what a longer window gives, and what its estimate costs.
 
-    Arguments:
+    Args:
         days: the windows' lengths.
         criterion: the best window's information, over the longest's, 1.
         seconds: of one estimate; NaN where it was not asked for.
@@ -53,7 +53,7 @@ class Lengths:
         return "\n".join([f"lengths      the best window of each{costs}", *lines])
 
 
-def lengths(
+def compare_lengths(
     case: Case,
     days: Sequence[float],
     cost: Callable[[Window], float] | None = None,
@@ -64,10 +64,10 @@ def lengths(
     robust: Robust = "no",
     diffusivities: Sequence[float] | None = None,
     on_length: Callable[[float], None] = lambda days: None,
-) -> Lengths:
+) -> LengthComparison:
     """The criterion of the best window of each length, and what its estimate costs.
 
-    Arguments:
+    Args:
         cost: seconds of an estimate from a window, such as `seconds_of_estimate` measures; asked for the shortest, the
             middle and the longest, which each compile an estimate of their own; None for no cost.
         full, criterion, of, robust, diffusivities: as in `design`.
@@ -81,7 +81,7 @@ def lengths(
         information = full_sizes(case, starts, rows, alphas, criterion, of)[0]
     else:
         fourier = on_device(scales(case).fourier(np.asarray(alphas)))
-        profiles, system = start_profiles(case, starts), large_model(case, plate_outputs(case))
+        profiles, system = start_profiles(case, starts), full_order_model(case, plate_outputs(case))
         data, plates = watched(case), Plates.of(case, rows)
         found = window_information(system, fourier, data, on_device(starts), profiles, plates, rows=rows)
         information = np.asarray(found) * np.square(np.asarray(fourier))[:, None, None]
@@ -95,4 +95,4 @@ def lengths(
         if cost is not None and k in asked:
             seconds[k] = cost(Window(int(starts[there[at]]), rows[k]))
         on_length(length)
-    return Lengths(np.asarray(days, float), merit(np.array(best).T, robust), seconds)
+    return LengthComparison(np.asarray(days, float), merit(np.array(best).T, robust), seconds)

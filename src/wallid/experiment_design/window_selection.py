@@ -33,7 +33,7 @@ from ..models.batching import Sweep
 from ..models.flux_plates import plate_outputs
 from ..models.integration import Integrator
 from ..models.state_space import StateSpace
-from ..models.window_inputs import large_model
+from ..models.window_inputs import full_order_model
 from ..records.uniform_record import Record
 from .fisher_information import HOPELESS, Criterion, Of, Robust, alphas_of, check_words, merit
 from .window_information import (
@@ -51,7 +51,7 @@ from .window_information import (
 class Design:
     """The criterion of every candidate window.
 
-    Arguments:
+    Args:
         rows: of each window.
         starts: first rows of the candidates.
         diffusivities: at which the criterion was taken, m2/s.
@@ -147,7 +147,7 @@ def design(
 ) -> Design:
     """The best window of a case's record, by the large model at the prior diffusivity.
 
-    Arguments:
+    Args:
         window_days: None for the case's choice.
         diffusivities: None for the prior alone (a robust design: a quarter to four times as much); the best window is
             the first one's.
@@ -187,7 +187,7 @@ def design(
     starts = candidate_starts(record, rows, every_rows)
     alphas = alphas_of(case, diffusivities, robust)
     sizes = None
-    system = large_model(case, plate_outputs(case)) if model is None else model
+    system = full_order_model(case, plate_outputs(case)) if model is None else model
     scale = scales(case)
     data, plates = watched(case), Plates.of(case, (rows,))
     fourier = on_device(scale.fourier(np.asarray(alphas)))

@@ -16,14 +16,14 @@ from .noise_covariance import Bins
 _MOST_GAPS = 300  # each is a direction in a dense covariance
 
 
-def filled_gaps(
+def gap_errors(
     fill_std: np.ndarray | None, face_std: float, response: np.ndarray, bins: Bins
 ) -> Float[np.ndarray, "gap reading"]:
     """What each gap's interpolation makes of the binned readings, one standard deviation of it, K.
 
     Of very many gaps only the largest.
 
-    Arguments:
+    Args:
         fill_std: of the interpolated faces in each row, K, 0 where a face was read; None for none.
         face_std: of a face reading, K, which the covariance holds in every row already.
         response: of the readings at the rows to 1 K more at one row of one face, `(face, row, sensor)`.

@@ -46,7 +46,7 @@ class Trace(eqx.Module):
 class _State(eqx.Module):
     """Where the iteration stands.
 
-    Arguments:
+    Args:
         tried: what is evaluated next.
         cost: of the last iterate.
         newton, length: the direction there, and the share of it that leads to `tried`.
@@ -80,7 +80,7 @@ class GaussNewton(optx.AbstractLeastSquaresSolver):
     In `stats`: the `trace` of its iterates; `residual` and `jacobian` at the last of them, whose is `aux`: one array or
     several, as `fn` gives them, the Jacobian's with the parameters as their last axis.
 
-    Arguments:
+    Args:
         eta_1, eta_2: it goes on while both relative changes are at least these.
         lower, upper: bounds of the first parameter.
         longest_trace: the largest number of iterations, past which it ends as not converged; it needs no `max_steps`.
@@ -206,7 +206,7 @@ def search(
 ) -> optx.Solution:
     """The iteration on `residual(y, args)` from `first`, through optimistix; for its `stats` see `GaussNewton`.
 
-    Arguments:
+    Args:
         residual: gives the residual, one array or several, and what else is wanted at the minimum (`aux`).
         eta: the stopping criterion on the diffusivity; its square is that on the cost.
         lower, upper: of ln(alpha/alpha_0).

@@ -19,16 +19,16 @@ from ..case.initial_profile import scales
 from ..case.time_window import Window
 from ..models.flux_plates import first_conductivity, flux_noise_std, with_flux
 from ..models.integration import Integrator
-from ..models.plate_model import whole_model
+from ..models.plate_model import full_order_model_with_plates
 from ..models.state_space import StateSpace
-from ..models.wall_parameters import within
-from ..models.window_inputs import Experiment
-from .gap_covariance import filled_gaps
-from .gls_fit import Settled
-from .likelihood import Problem, face_response, minimise
-from .noise_covariance import Bins, Noise, NoiseModel, bins_of, thinned
-from .nuisance_parameters import Names, free_at, names_of
-from .validity import told_range
+from ..models.wall_parameters import clipped_to_prior
+from ..models.window_inputs import WindowData
+from .gap_covariance import gap_errors
+from .gls_fit import GLSFit
+from .likelihood import LikelihoodProblem, face_response, minimise
+from .noise_covariance import Bins, Noise, NoiseShape, bins_of, thinned
+from .nuisance_parameters import NuisanceParameters, linearise_nuisance, nuisance_parameters_of
+from .validity import distinguishable_range
 from .whittle_likelihood import estimate_noise
 
 _MOST_ROUNDS = 4
@@ -37,10 +37,10 @@ _STILL = 0.1  # of a standard error: a round that moves the estimate by less was
 _FEWEST_READINGS = 30  # beyond the parameters: from fewer no noise is estimated
 
 
-def settle(
+def fit_generalised_least_squares(
     case: Case,
     window: Window,
-    data: Experiment,
+    data: WindowData,
     system: StateSpace,
     first: float,
     *,
@@ -48,20 +48,20 @@ def settle(
     explicit_theta: bool = True,
     integrator: Integrator = "propagator",
     rows_used: int | None = None,
-) -> Settled:
+) -> GLSFit:
     """The estimate under the full covariance, from a first diffusivity (m2/s).
 
-    Arguments:
+    Args:
         system: its outputs are the sensors, then the plates.
         rows_used: of the window, from its start; None for all.
     """
     rounds = _Rounds.of(case, window, _used(with_flux(case, window, data), rows_used), eta, explicit_theta, integrator)
-    names, large = rounds.names, whole_model(case)
+    names, large = rounds.names, full_order_model_with_plates(case)
     value, found, settled = float(np.clip(first, *rounds.bounds)), np.zeros(names.count), None
     loose, reached = names.of_structure, np.zeros(len(names.structure))
     for _ in range(_STRUCTURE_ROUNDS if names.structure else _MOST_ROUNDS):
         if names.structure:
-            system = large = whole_model(case, reached)
+            system = large = full_order_model_with_plates(case, reached)
         settled = rounds.another(system, large, value, found, settled)
         moved = abs(math.log(settled.diffusivity / value)) if math.isfinite(settled.diffusivity) else math.inf
         still = moved < _STILL * settled.log_std and _still(settled, found)
@@ -69,7 +69,7 @@ def settle(
             break
         value, found = settled.diffusivity, np.array(settled.minimum.parameters)[1:]
         # the wall's own parameters are linear about where they were: no farther than a prior's standard deviation
-        reached = within(np.clip(found[loose], reached - 1.0, reached + 1.0))
+        reached = clipped_to_prior(np.clip(found[loose], reached - 1.0, reached + 1.0))
         found[loose] = reached
     assert settled is not None
     if names.structure:  # the first round's wall was that of the priors
@@ -81,7 +81,7 @@ def settle(
     return settled
 
 
-def _used(data: Experiment, rows: int | None) -> Experiment:
+def _used(data: WindowData, rows: int | None) -> WindowData:
     """The experiment without the readings after its first rows."""
     if rows is None:
         return data
@@ -93,7 +93,7 @@ def _used(data: Experiment, rows: int | None) -> Experiment:
 class _Rounds:
     """What stays the same from round to round.
 
-    Arguments:
+    Args:
         bins, apart: of the readings, as `bins_of` gives them.
         readings: how many there are, in their bins.
         conductivity: W/m/K, with which the first round begins; 0 without a flux.
@@ -103,8 +103,8 @@ class _Rounds:
 
     case: Case
     window: Window
-    data: Experiment
-    names: Names
+    data: WindowData
+    names: NuisanceParameters
     bins: Bins
     apart: int
     readings: int
@@ -117,10 +117,10 @@ class _Rounds:
 
     @classmethod
     def of(
-        cls, case: Case, window: Window, data: Experiment, eta: float, explicit_theta: bool, integrator: Integrator
+        cls, case: Case, window: Window, data: WindowData, eta: float, explicit_theta: bool, integrator: Integrator
     ) -> _Rounds:
         """What a window's readings, plates included, set."""
-        names = names_of(case, window)
+        names = nuisance_parameters_of(case, window)
         bins, apart = bins_of(np.asarray(data.weight) > 0, np.asarray(data.observed))
         return cls(
             case=case,
@@ -131,7 +131,7 @@ class _Rounds:
             apart=apart,
             readings=int((np.asarray(bins.counts()) > 0).sum()),
             conductivity=first_conductivity(case, window) if names.fluxes else 0.0,
-            bounds=told_range(case, window),
+            bounds=distinguishable_range(case, window),
             fill_std=case.record.window(window.row, window.rows).fill_std,
             eta=eta,
             explicit_theta=explicit_theta,
@@ -154,19 +154,19 @@ class _Rounds:
         return max(self.readings - 1, 1)
 
     def another(
-        self, system: StateSpace, large: StateSpace, value: float, found: np.ndarray, before: Settled | None
-    ) -> Settled:
+        self, system: StateSpace, large: StateSpace, value: float, found: np.ndarray, before: GLSFit | None
+    ) -> GLSFit:
         """One more round, about a diffusivity and the other parameters found."""
         case, names, start = self.case, self.names, self.case.wall.diffusivity_prior
-        free = free_at(case, self.window, self.data, names, start, value, found, large, self.conductivity)
+        free = linearise_nuisance(case, self.window, self.data, names, start, value, found, large, self.conductivity)
         now = self.conductivity * math.exp(free.log_std * found[names.conductivity]) if names.fluxes else 0.0
         shape = self._shape(system, scales(case).fourier(value), now / case.wall.length)
         estimated = self.kind == "estimated" and self.enough
         noise = _noise_left(shape, before) if before is not None and estimated else shape.stated()
-        problem = Problem(
+        problem = LikelihoodProblem(
             system=system,
             data=self.data,
-            free=free,
+            nuisance=free,
             bins=self.bins,
             observed=self.bins.mean(self.bins.observed),
             whiten=on_device(noise.whiten),
@@ -181,32 +181,32 @@ class _Rounds:
         at = minimise(problem, begin, on_device(self.eta), case.choices.max_iterations)
         chi_square = float(at.cost) / self.freedom if before is None else before.reduced_chi_square
         rounds = 1 if before is None else before.rounds + 1
-        return Settled(problem, at, shape, noise, names, chi_square, estimated, rounds)
+        return GLSFit(problem, at, shape, noise, names, chi_square, estimated, rounds)
 
-    def _shape(self, system: StateSpace, fourier: float, conductance: float) -> NoiseModel:
+    def _shape(self, system: StateSpace, fourier: float, conductance: float) -> NoiseShape:
         """The covariance's shape at a Fourier number, with the faces' noise through this model.
 
-        Arguments:
+        Args:
             conductance: k/L, W/m2/K, by which a face's noise is in the fluxes.
         """
         case, data = self.case, self.data
         response = np.array(face_response(system, on_device(fourier), data.step, data.observed.shape[0]))
         plates = response.shape[2] - len(case.sensors)
         response[:, :, len(case.sensors) :] *= conductance
-        gaps = filled_gaps(self.fill_std, case.record.boundary_noise_std, response, self.bins)
+        gaps = gap_errors(self.fill_std, case.record.boundary_noise_std, response, self.bins)
         response, bins = thinned(response, self.bins, self.apart)
         sensor_std = np.array([sensor.noise_std for sensor in case.sensors] + [flux_noise_std(case)] * plates)
-        return NoiseModel(response, bins, sensor_std, case.record.boundary_noise_std, gaps)
+        return NoiseShape(response, bins, sensor_std, case.record.boundary_noise_std, gaps)
 
 
-def _still(settled: Settled, found: np.ndarray) -> bool:
+def _still(settled: GLSFit, found: np.ndarray) -> bool:
     """Whether the wall's own parameters stayed where they were."""
     loose = settled.names.of_structure
     width = np.sqrt(np.maximum(np.diag(settled.covariance)[1:][loose], 0.0))
     return bool(np.all(np.abs(np.asarray(settled.minimum.parameters)[1:][loose] - found[loose]) <= _STILL * width))
 
 
-def _noise_left(shape: NoiseModel, settled: Settled) -> Noise:
+def _noise_left(shape: NoiseShape, settled: GLSFit) -> Noise:
     """The noise that a minimum leaves, beside every direction that a parameter could move the readings in."""
     directions = np.asarray(settled.minimum.jacobian).T
     moving = np.linalg.norm(directions, axis=1) > 0

@@ -20,19 +20,19 @@ import numpy as np
 import scipy
 
 from .._internal.arrays import on_device
-from .likelihood import Minimum, Problem
-from .noise_covariance import Noise, NoiseModel
-from .nuisance_parameters import Names
+from .likelihood import LikelihoodProblem, Minimum
+from .noise_covariance import Noise, NoiseShape
+from .nuisance_parameters import NuisanceParameters
 from .profile_interval import Interval, interval_95
 
 _MODULATIONS = 3  # of the diffusivity in time: half a wave over the window to one and a half
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class GLSFit:
     """The minimum under the covariance that belongs to it.
 
-    Arguments:
+    Args:
         shape: the covariance for any size of the noise. noise: at the size that the weights have.
         reduced_chi_square: the cost under the noise as stated, over its degrees of freedom.
         estimated: whether the noise's sizes are the record's; else as stated, and a misfit widens the interval.
@@ -40,11 +40,11 @@ class Settled:
         rounds: how many it took.
     """
 
-    problem: Problem
+    problem: LikelihoodProblem
     minimum: Minimum
-    shape: NoiseModel
+    shape: NoiseShape
     noise: Noise
-    names: Names
+    names: NuisanceParameters
     reduced_chi_square: float
     estimated: bool
     rounds: int
@@ -209,7 +209,7 @@ class Settled:
     @cached_property
     def faces_covariance(self) -> np.ndarray:
         """The part of the covariance that comes through the faces."""
-        only = NoiseModel(np.zeros_like(self.shape.response), self.shape.bins, self.shape.sensor_std, 0.0)
-        sensors = only.noise(self.noise.white, self.noise.lasting, self.noise.correlation).covariance
+        only = NoiseShape(np.zeros_like(self.shape.response), self.shape.bins, self.shape.sensor_std, 0.0)
+        sensors = only.noise(self.noise.white, self.noise.autocorrelated, self.noise.correlation).covariance
         there = self.shape.counts.T.reshape(-1) > 0
         return (self.noise.covariance - sensors) * np.outer(there, there)

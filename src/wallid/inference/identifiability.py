@@ -20,8 +20,8 @@ from itertools import combinations
 import numpy as np
 
 from ..case.case_definition import Case
-from .gls_fit import Settled
-from .nuisance_parameters import constants_of
+from .gls_fit import GLSFit
+from .nuisance_parameters import instrument_errors_of
 
 COLLINEAR = 10.0
 _LARGEST_SUBSET = 3
@@ -35,7 +35,7 @@ _NOT_TOLD = 0.9  # of a prior's standard deviation that is left
 class Identifiability:
     """Which parameters a record tells apart.
 
-    Arguments:
+    Args:
         names: of the parameters.
         singular_values: of the scaled sensitivity (by ln(alpha), other logarithms and prior standard deviations,
             over the noise), largest first.
@@ -101,12 +101,12 @@ def collinearity_index(sensitivity: np.ndarray) -> float:
     return 1.0 / least if least > 1e-12 else math.inf
 
 
-def identifiability(case: Case, settled: Settled) -> Identifiability:
+def identifiability(case: Case, settled: GLSFit) -> Identifiability:
     """Which of a settled estimate's parameters the record tells apart."""
     names = settled.names
     told = [0, *(1 + k for k in range(names.of_structure.stop))]
     words = ["the diffusivity"]
-    words += [f"the {_CONSTANTS[one.kind]} of {one.of}" for one in constants_of(case, names)]
+    words += [f"the {_CONSTANTS[one.kind]} of {one.of}" for one in instrument_errors_of(case, names)]
     words += [_of_wall(name) for name in names.structure]
     if names.fluxes:
         told += range(1 + names.conductivity, 1 + names.count)
@@ -129,7 +129,7 @@ def identifiability(case: Case, settled: Settled) -> Identifiability:
     )
 
 
-def _told_alone(settled: Settled, told: list[int]) -> np.ndarray:
+def _told_alone(settled: GLSFit, told: list[int]) -> np.ndarray:
     """The whitened derivatives by some parameters, without what the others (within their priors) could take up."""
     J = settled.noise.whiten @ np.asarray(settled.minimum.jacobian)
     others = [place for place in range(J.shape[1]) if place not in told]

@@ -20,7 +20,7 @@ from .._internal.arrays import on_device
 from ..models.integration import Integrator, run_rows
 from ..models.sensitivity_equations import field_with_theta, run
 from ..models.state_space import StateSpace
-from ..models.window_inputs import Experiment
+from ..models.window_inputs import WindowData
 from .gauss_newton import Trace, search
 from .noise_covariance import Bins
 
@@ -32,10 +32,10 @@ _BOOTSTRAP_STEPS = 12  # of Gauss-Newton, from the estimate that drew the readin
 _BOOTSTRAP_ETA = 1e-6  # relative, of a draw's diffusivity: far under any standard error
 
 
-class Free(eqx.Module):
+class NuisanceModel(eqx.Module):
     """What is free beside the diffusivity, as it acts about one diffusivity `alpha_k`.
 
-    Arguments:
+    Args:
         columns: what one prior standard deviation of each offset, position error, parameter of the wall itself and
             common noise adds, K.
         at: the columns' parameters about which positions and the wall itself are linear, prior standard deviations.
@@ -70,18 +70,18 @@ class Free(eqx.Module):
         return self.columns.shape[0] + self.rates.shape[0] + (1 + self.fluxes if self.fluxes else 0)
 
 
-class Problem(eqx.Module):
+class LikelihoodProblem(eqx.Module):
     """What is minimised over `y = (ln(alpha/start), z)`.
 
-    Arguments:
+    Args:
         observed: the readings in their bins, degC, 0 in an empty one.
         whiten: W.
         lowest, highest: between which diffusivities is searched, m2/s.
     """
 
     system: StateSpace
-    data: Experiment
-    free: Free
+    data: WindowData
+    nuisance: NuisanceModel
     bins: Bins
     observed: Float[Array, " reading"]
     whiten: Float[Array, "reading reading"]
@@ -98,7 +98,7 @@ class Problem(eqx.Module):
 
     def predicted(self, y: Float[Array, " param"]) -> Float[Array, "time sensor"]:
         """The readings at the rows, degC."""
-        fourier, free, data = self.fourier(y), self.free, self.data
+        fourier, free, data = self.fourier(y), self.nuisance, self.data
         if self.explicit_theta:
             u = field_with_theta(fourier, data.initial, self.system, data, self.integrator)
         else:
@@ -118,9 +118,9 @@ class Problem(eqx.Module):
 
     def flux_scale(self, y: Float[Array, " param"]) -> Float[Array, " flux"]:
         """What each plate reads of a flux of 1 of the model's output, W/m2."""
-        thermal = y[y.shape[0] - 1 - self.free.fluxes :]
-        scale = jnp.exp(self.free.log_std * thermal[0]) * (1.0 + self.free.gain_std * thermal[1:])
-        return self.free.flux * scale
+        thermal = y[y.shape[0] - 1 - self.nuisance.fluxes :]
+        scale = jnp.exp(self.nuisance.log_std * thermal[0]) * (1.0 + self.nuisance.gain_std * thermal[1:])
+        return self.nuisance.flux * scale
 
     def binned(self, y: Float[Array, " param"]) -> tuple[Float[Array, " reading"], Float[Array, "time sensor"]]:
         """The readings in their bins, degC, 0 in an empty one; and the readings at the rows."""
@@ -135,7 +135,7 @@ class Problem(eqx.Module):
 class Minimum(eqx.Module):
     """The minimum, and the problem there.
 
-    Arguments:
+    Args:
         jacobian: of the binned readings, K, before whitening and without the priors' rows.
         cost: -2 log L.
     """
@@ -150,7 +150,9 @@ class Minimum(eqx.Module):
 
 
 @eqx.filter_jit
-def minimise(problem: Problem, first: Float[Array, " param"], eta: Float[Array, ""], max_iterations: int) -> Minimum:
+def minimise(
+    problem: LikelihoodProblem, first: Float[Array, " param"], eta: Float[Array, ""], max_iterations: int
+) -> Minimum:
     """Gauss-Newton from `first`; one compilation for all windows of a shape."""
     solution = _search(problem, first, eta, max_iterations)
     jacobian, predicted = jax.jacfwd(problem.binned, has_aux=True)(solution.value)
@@ -165,7 +167,7 @@ def minimise(problem: Problem, first: Float[Array, " param"], eta: Float[Array, 
     )
 
 
-def _search(problem: Problem, first: Array, eta: Array, max_iterations: int) -> optx.Solution:
+def _search(problem: LikelihoodProblem, first: Array, eta: Array, max_iterations: int) -> optx.Solution:
     return search(
         lambda y, problem: (problem.residual(y), None),
         first,
@@ -178,7 +180,7 @@ def _search(problem: Problem, first: Array, eta: Array, max_iterations: int) -> 
 
 
 @eqx.filter_jit
-def profile(problem: Problem, log_alpha: Float[Array, " point"]) -> Float[Array, " point"]:
+def profile_likelihood(problem: LikelihoodProblem, log_alpha: Float[Array, " point"]) -> Float[Array, " point"]:
     """`-2 log L` at each ln(alpha/start) with all else integrated out, up to what the noise alone sets.
 
     At a fixed diffusivity the rest, `z`, is linear with a normal prior, so that the integral is exact:
@@ -195,9 +197,9 @@ def profile(problem: Problem, log_alpha: Float[Array, " point"]) -> Float[Array,
         return at, rest
 
     def cost(log: Array) -> Array:
-        z = jnp.zeros(problem.free.count)
+        z = jnp.zeros(problem.nuisance.count)
         # conductivity and gains are a product: a few steps to where it is linear enough
-        for _ in range(_PRODUCT_STEPS if problem.free.fluxes else 0):
+        for _ in range(_PRODUCT_STEPS if problem.nuisance.fluxes else 0):
             residual, rest = linear(log, z)
             step = jnp.linalg.lstsq(rest, residual)[0]
             z = z - step / jnp.maximum(1.0, jnp.max(jnp.abs(step)))
@@ -212,7 +214,7 @@ def profile(problem: Problem, log_alpha: Float[Array, " point"]) -> Float[Array,
 
 @eqx.filter_jit
 def resample(
-    problem: Problem,
+    problem: LikelihoodProblem,
     parameters: Float[Array, " param"],
     covariance_root: Float[Array, "reading reading"],
     draws: int,
@@ -236,7 +238,7 @@ def resample(
     return jax.lax.map(one, jax.random.split(key, draws))
 
 
-def _present(problem: Problem) -> Array:
+def _present(problem: LikelihoodProblem) -> Array:
     return problem.bins.counts().T.reshape(-1) > 0
 
 

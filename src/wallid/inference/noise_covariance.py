@@ -31,7 +31,7 @@ MOST_READINGS = 1500
 class Bins(eqx.Module):
     """Readings put together over so many rows.
 
-    Arguments:
+    Args:
         observed: degC (W/m2 for a flux), 0 where missing. present: 1 where there is a reading.
         rows: of a bin.
     """
@@ -94,7 +94,7 @@ def thinned(response: np.ndarray, bins: Bins, apart: int) -> tuple[np.ndarray, B
 class Noise:
     """The noise's size and memory, and what follows from it.
 
-    Arguments:
+    Args:
         white, lasting: variances over the stated ones, of the white and of the autocorrelated part.
         correlation: of the latter, from row to row.
         whiten: W, lower triangular, with `W' W` the inverse covariance of the binned readings.
@@ -107,7 +107,7 @@ class Noise:
     """
 
     white: float
-    lasting: float
+    autocorrelated: float
     correlation: float
     whiten: np.ndarray = field(repr=False)
     covariance: np.ndarray = field(repr=False)
@@ -138,18 +138,18 @@ class Noise:
         return float(self.chance @ self.ratio**2)
 
     def __str__(self) -> str:
-        total = np.sqrt(self.white + self.lasting)
+        total = np.sqrt(self.white + self.autocorrelated)
         memory = ""
-        if self.lasting * self.correlation > 0.05 * (self.white + self.lasting):
-            share = self.lasting / (self.white + self.lasting)
+        if self.autocorrelated * self.correlation > 0.05 * (self.white + self.autocorrelated):
+            share = self.autocorrelated / (self.white + self.autocorrelated)
             memory = f", {100 * share:.0f} % of its variance with correlation {self.correlation:.2f} from row to row"
         return f"noise {total:.2f} times the stated{memory}"
 
 
-class NoiseModel:
+class NoiseShape:
     """What the covariance needs from one model: its response to a face reading.
 
-    Arguments:
+    Args:
         response: of the readings at the rows to 1 K more at one row of one face, `(face, row, sensor)`; between
             its rows an error of a reading is a straight line.
         bins: the readings.

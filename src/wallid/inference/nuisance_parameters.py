@@ -23,13 +23,13 @@ from ..case.initial_profile import PROFILE_MODES, fit_profile, scales, window_sp
 from ..case.time_window import Window
 from ..case.wall_and_sensors import SIDES
 from ..models.flux_plates import flux_gain_std, fluxes_of
-from ..models.plate_model import whole_model
+from ..models.plate_model import full_order_model_with_plates
 from ..models.sensitivity_equations import run
 from ..models.state_space import StateSpace
-from ..models.wall_parameters import structure_of
-from ..models.window_inputs import Experiment
-from .likelihood import Free
-from .position_errors import faces_elsewhere, sensors_elsewhere
+from ..models.wall_parameters import free_wall_parameters
+from ..models.window_inputs import WindowData
+from .likelihood import NuisanceModel
+from .position_errors import face_position_response, sensor_position_response
 
 CONDUCTIVITY_STD = 3.0  # of ln(conductivity): wide
 _SMOOTHED = 9  # frequencies
@@ -37,10 +37,10 @@ _DIFFERENCE = 1e-3  # prior standard deviations: an error of a millionth, far ov
 
 
 @dataclass(frozen=True)
-class Names:
+class NuisanceParameters:
     """Which parameters are free, in their order: offsets, positions, the faces' places, common noise, modes.
 
-    Arguments:
+    Args:
         offsets, positions: the sensors that have one, by place.
         depths: the faces whose sensor may sit elsewhere.
         common: the faces, whose noise the inner sensors may share.
@@ -99,25 +99,25 @@ class Names:
         return self.errors + len(self.structure) + len(self.common)
 
 
-def names_of(case: Case, window: Window) -> Names:
+def nuisance_parameters_of(case: Case, window: Window) -> NuisanceParameters:
     """What a case leaves free: no mode where the initial profile was given."""
     known = fit_profile(case, window.row).eps_2 is None
     plates = fluxes_of(case)
-    return Names(
+    return NuisanceParameters(
         offsets=tuple(s for s, sensor in enumerate(case.sensors) if sensor.offset_std > 0),
         positions=tuple(s for s, sensor in enumerate(case.sensors) if sensor.position_std > 0),
         common=(0, 1) if case.record.boundary_noise_std > 0 and case.sensors else (),
         modes=0 if known else min(PROFILE_MODES, case.choices.nodes - 2),
         fluxes=plates,
-        structure=structure_of(case),
+        structure=free_wall_parameters(case),
         depths=(0, 1) if case.record.face_position_std > 0 else (),
     )
 
 
-class Constant(NamedTuple):
+class InstrumentError(NamedTuple):
     """A constant error of an instrument, and what the case states of it.
 
-    Arguments:
+    Args:
         kind: as an estimate has it. name: of the sensor or the face.
         of: whose it is, in words.
         std: of its prior, in `unit`.
@@ -130,31 +130,31 @@ class Constant(NamedTuple):
     unit: str
 
 
-def constants_of(case: Case, names: Names) -> list[Constant]:
+def instrument_errors_of(case: Case, names: NuisanceParameters) -> list[InstrumentError]:
     """The offsets and places that are free, in their order."""
     offsets, sensors = ([case.sensors[s] for s in those] for those in (names.offsets, names.positions))
     std, faces = case.record.face_position_std, [SIDES[side] for side in names.depths]
     return [
-        *(Constant("offsets", sensor.name, sensor.name, sensor.offset_std, "K") for sensor in offsets),
-        *(Constant("positions", sensor.name, sensor.name, sensor.position_std, "m") for sensor in sensors),
-        *(Constant("face_positions", face, f"the {face} face's sensor", std, "m") for face in faces),
+        *(InstrumentError("offsets", sensor.name, sensor.name, sensor.offset_std, "K") for sensor in offsets),
+        *(InstrumentError("positions", sensor.name, sensor.name, sensor.position_std, "m") for sensor in sensors),
+        *(InstrumentError("face_positions", face, f"the {face} face's sensor", std, "m") for face in faces),
     ]
 
 
-def free_at(
+def linearise_nuisance(
     case: Case,
     window: Window,
-    data: Experiment,
-    names: Names,
+    data: WindowData,
+    names: NuisanceParameters,
     start: float,
     diffusivity: float,
     found: np.ndarray,
     large: StateSpace,
     conductivity: float = 1.0,
-) -> Free:
+) -> NuisanceModel:
     """What is free as it acts about a diffusivity and the parameters found so far.
 
-    Arguments:
+    Args:
         start, diffusivity: m2/s; ln(diffusivity/start) is where the positions are linear.
         found: parameters in prior standard deviations, about whose positions the model is made linear.
         large: the case's large model with all outputs, at the structure found so far.
@@ -162,7 +162,7 @@ def free_at(
     """
     columns, at, moved, moved_slope = _columns(case, window, data, names, diffusivity, found)
     modes = names.modes
-    return Free(
+    return NuisanceModel(
         columns=columns,
         at=at,
         moved=moved,
@@ -180,8 +180,8 @@ def free_at(
 def _columns(
     case: Case,
     window: Window,
-    data: Experiment,
-    names: Names,
+    data: WindowData,
+    names: NuisanceParameters,
     diffusivity: float,
     found: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -195,14 +195,14 @@ def _columns(
         columns[k, :, s] = case.sensors[s].offset_std
     if names.positions:
         places = names.of_positions
-        gradient, moved[:, :sensors], moved_slope[:, :sensors], at[places] = sensors_elsewhere(
+        gradient, moved[:, :sensors], moved_slope[:, :sensors], at[places] = sensor_position_response(
             case, data, names.positions, diffusivity, found[places], structure
         )
         for k, s in enumerate(names.positions, start=places.start):
             columns[k, :, s] = case.sensors[s].position_std * gradient[:, s]
     if names.depths:
-        columns[names.of_depths] = faces_elsewhere(
-            case, data, diffusivity, whole_model(case, structure, gradients=True)
+        columns[names.of_depths] = face_position_response(
+            case, data, diffusivity, full_order_model_with_plates(case, structure, gradients=True)
         )
     for k in range(len(structure)):
         columns[names.errors + k] = _along(case, data, diffusivity, structure, k)
@@ -223,11 +223,11 @@ def noise_within(readings: np.ndarray, std: float) -> np.ndarray:
     return np.asarray(scipy.fft.idct(share * spectrum, type=2, norm="ortho"))
 
 
-def _along(case: Case, data: Experiment, diffusivity: float, structure: np.ndarray, place: int) -> np.ndarray:
+def _along(case: Case, data: WindowData, diffusivity: float, structure: np.ndarray, place: int) -> np.ndarray:
     """What one prior standard deviation more of a parameter of the wall makes of the outputs, K, by differences."""
     fourier, ends = on_device(scales(case).fourier(diffusivity)), []
     for step in (-_DIFFERENCE, _DIFFERENCE):
         values = structure.copy()
         values[place] += step
-        ends.append(np.asarray(run(whole_model(case, values), fourier, data)[0]))
+        ends.append(np.asarray(run(full_order_model_with_plates(case, values), fourier, data)[0]))
     return float(data.temperature) * (ends[1] - ends[0]) / (2 * _DIFFERENCE)

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from .._internal.arrays import on_device
-from .gls_fit import Settled
+from .gls_fit import GLSFit
 from .likelihood import resample
 
 
@@ -20,7 +20,7 @@ from .likelihood import resample
 class Bootstrap:
     """The estimate made again from readings that the fitted model draws: a check of standard error and interval.
 
-    Arguments:
+    Args:
         draws, seed: how many, and of what random numbers.
         std: m2/s, of the estimates; that of ln(alpha) times alpha.
         interval_95: m2/s, `alpha^2` over the draws' 97.5 % and 2.5 % quantiles (the basic interval of ln(alpha)).
@@ -40,7 +40,7 @@ class Bootstrap:
         return f"bootstrap    of {self.draws} draws: +- {self.std:.1g}   (95 %: {low:.4g} to {high:.4g})"
 
 
-def bootstrap(settled: Settled, draws: int, seed: int) -> Bootstrap:
+def bootstrap(settled: GLSFit, draws: int, seed: int) -> Bootstrap:
     """A parametric bootstrap: noise of the covariance found, offsets and positions from their priors."""
     root = np.linalg.cholesky(settled.noise_covariance)
     found = resample(

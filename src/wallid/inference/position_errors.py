@@ -19,14 +19,14 @@ from ..case.initial_profile import scales
 from ..models.finite_volume_wall import Output
 from ..models.sensitivity_equations import explicit
 from ..models.state_space import StateSpace
-from ..models.wall_parameters import structure_of, system_at
-from ..models.window_inputs import Experiment
+from ..models.wall_parameters import free_wall_parameters, model_at
+from ..models.window_inputs import WindowData
 
 _EDGE = 1e-3  # of the length: a sensor that moves stays that far inside
 
 
-def sensors_elsewhere(
-    case: Case, data: Experiment, positions: tuple[int, ...], diffusivity: float, at: np.ndarray, structure: np.ndarray
+def sensor_position_response(
+    case: Case, data: WindowData, positions: tuple[int, ...], diffusivity: float, at: np.ndarray, structure: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Gradient where the sensors are thought to be, K/m; what being there adds, K; its slope by ln(alpha); and `at`.
 
@@ -38,7 +38,7 @@ def sensors_elsewhere(
     places[list(positions)] += std * at
     places = np.clip(places, _EDGE * length, (1 - _EDGE) * length)
     outputs = [Output(x) for x in (*stated, *places)] + [Output(x, "gradient") for x in places]
-    system = system_at(case, structure_of(case), structure, outputs)
+    system = model_at(case, free_wall_parameters(case), structure, outputs)
     fourier = scales(case).fourier(diffusivity)
     u, theta = explicit(system, on_device(fourier), data)
     kelvin, sensors = float(data.temperature), len(stated)
@@ -48,10 +48,10 @@ def sensors_elsewhere(
     return u[:, slope] / length, u[:, there] - u[:, here], theta[:, there] - theta[:, here], reached
 
 
-def depth_columns(slope: np.ndarray, gradient: np.ndarray, x: np.ndarray, length: float) -> np.ndarray:
+def face_position_jacobian(slope: np.ndarray, gradient: np.ndarray, x: np.ndarray, length: float) -> np.ndarray:
     """What 1 m to the right of the sensor of the left and of the right face makes of inner readings, K/m.
 
-    Arguments:
+    Args:
         slope: dT/d(ln alpha), K. gradient: dT/dx, K/m, at the sensors' places x, m.
 
     Returns:
@@ -61,20 +61,20 @@ def depth_columns(slope: np.ndarray, gradient: np.ndarray, x: np.ndarray, length
     return np.stack([stretched - (1.0 - x / length) * gradient, -stretched - x / length * gradient])
 
 
-def flux_columns(slope: np.ndarray, flux: np.ndarray, length: float) -> np.ndarray:
+def face_position_flux_jacobian(slope: np.ndarray, flux: np.ndarray, length: float) -> np.ndarray:
     """The same of fluxes, over conductivity / length: K/m.
 
-    Arguments:
+    Args:
         slope: d(q L / k)/d(ln alpha), K. flux: q L / k, K.
     """
     further = 2.0 / length * slope + flux / length
     return np.stack([further, -further])
 
 
-def faces_elsewhere(case: Case, data: Experiment, diffusivity: float, large: StateSpace) -> np.ndarray:
+def face_position_response(case: Case, data: WindowData, diffusivity: float, large: StateSpace) -> np.ndarray:
     """What one prior standard deviation to the right of each face's sensor adds to the outputs, K.
 
-    Arguments:
+    Args:
         large: its outputs are the sensors, the plates, and last the gradients at the sensors.
     """
     length, places = case.wall.length, np.array([sensor.position for sensor in case.sensors])
@@ -82,6 +82,6 @@ def faces_elsewhere(case: Case, data: Experiment, diffusivity: float, large: Sta
     u, theta = (kelvin * np.asarray(one) for one in explicit(large, on_device(fourier), data))
     channels = u.shape[1] - sensors
     slope, gradient = fourier * theta[:, :channels], u[:, channels:] / length
-    through = flux_columns(slope[:, sensors:], u[:, sensors:channels], length)
-    inside = depth_columns(slope[:, :sensors], gradient, places, length)
+    through = face_position_flux_jacobian(slope[:, sensors:], u[:, sensors:channels], length)
+    inside = face_position_jacobian(slope[:, :sensors], gradient, places, length)
     return case.record.face_position_std * np.concatenate([inside, through], axis=2)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._internal.arrays import on_device
-from .likelihood import Problem, profile
+from .likelihood import LikelihoodProblem, profile_likelihood
 
 _SCAN = 25  # diffusivities between the bounds, to see minima elsewhere
 _LOCAL = 8  # steps from two half widths below the minimum to two above it
@@ -29,7 +29,7 @@ _LARGEST = 700.0  # exp(709) is the largest float
 class Interval(NamedTuple):
     """A 95 % interval of ln(alpha/start).
 
-    Arguments:
+    Args:
         kind: "normal", or "profile likelihood" where the cost is no parabola.
         deeper: ln(alpha/start) of a point outside where the cost is lower than at the minimum found; or None.
     """
@@ -40,10 +40,12 @@ class Interval(NamedTuple):
     deeper: float | None
 
 
-def interval_95(problem: Problem, at: float, std: float, quantile: float, widening: float, least: float) -> Interval:
+def interval_95(
+    problem: LikelihoodProblem, at: float, std: float, quantile: float, widening: float, least: float
+) -> Interval:
     """The interval about a minimum.
 
-    Arguments:
+    Args:
         at, std: ln(alpha/start) of the minimum, and its standard error.
         quantile: 97.5 %, in standard errors.
         widening: the variance over what the problem's weights make it.
@@ -51,7 +53,7 @@ def interval_95(problem: Problem, at: float, std: float, quantile: float, wideni
     """
 
     def rise(points: np.ndarray) -> np.ndarray:
-        change = np.asarray(profile(problem, on_device(points))) - least
+        change = np.asarray(profile_likelihood(problem, on_device(points))) - least
         return np.where(np.isfinite(change), change, np.inf)  # the model has no value there
 
     low, high = (math.log(float(end) / float(problem.start)) for end in (problem.lowest, problem.highest))

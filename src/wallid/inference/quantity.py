@@ -14,7 +14,7 @@ NORMAL_95 = 1.959963984540054
 class Quantity:
     """A value with its interval.
 
-    Arguments:
+    Args:
         value, std: in `unit`. interval_95: ends of the interval.
     """
 

@@ -9,16 +9,16 @@ import scipy
 
 from ..case.case_definition import Case
 from ..case.time_window import Window
-from .gls_fit import Settled
+from .gls_fit import GLSFit
 from .likelihood import HIGHEST, LOWEST
-from .nuisance_parameters import constants_of
+from .nuisance_parameters import instrument_errors_of
 
 _TOLD, _MOST_TOLD = 0.01, 0.5  # share of a face's change: what is told of it, at the least and at the most
 _STRAINED = 4.0  # prior standard deviations: an offset or a place hardly ever is that far from what the case states
 _UNSTEADY = 0.01  # how often chance may call a steady diffusivity unsteady
 
 
-def told_range(case: Case, window: Window) -> tuple[float, float]:
+def distinguishable_range(case: Case, window: Window) -> tuple[float, float]:
     """Between which diffusivities a window can tell one from another, m2/s.
 
     Below the lowest, of what a face does in the whole window no more than a hundredth, or than a reading's noise, comes
@@ -87,7 +87,7 @@ def why_too_coarse(shift: float, noise_std_log: float) -> str:
     )
 
 
-def why_too_faint(case: Case, settled: Settled) -> str:
+def why_too_faint(case: Case, settled: GLSFit) -> str:
     """Why the sensors as the case states them are too coarse for what moves, or an empty string.
 
     A diffusivity larger by the largest factor `f` that an interval may span moves sensor s by
@@ -112,9 +112,9 @@ def why_too_faint(case: Case, settled: Settled) -> str:
     )
 
 
-def why_strained(case: Case, settled: Settled) -> str:
+def why_strained(case: Case, settled: GLSFit) -> str:
     """Why the readings and what the case states of its instruments contradict each other, or an empty string."""
-    constants = constants_of(case, settled.names)
+    constants = instrument_errors_of(case, settled.names)
     pulls = np.asarray(settled.minimum.parameters)[1 : 1 + len(constants)]
     if not np.any(np.abs(pulls) > _STRAINED):
         return ""
@@ -127,7 +127,7 @@ def why_strained(case: Case, settled: Settled) -> str:
     )
 
 
-def why_unsteady(settled: Settled) -> str:
+def why_unsteady(settled: GLSFit) -> str:
     """Why there is no one diffusivity, or an empty string."""
     if not settled.finite or settled.steadiness >= _UNSTEADY:
         return ""

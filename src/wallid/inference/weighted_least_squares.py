@@ -26,14 +26,14 @@ from ..models.finite_volume_wall import Output
 from ..models.integration import Integrator
 from ..models.sensitivity_equations import field_with_theta, run
 from ..models.state_space import StateSpace
-from ..models.window_inputs import Experiment, large_model
+from ..models.window_inputs import WindowData, full_order_model
 from .gauss_newton import Trace, search
 from .likelihood import HIGHEST, LOWEST
 
 _NO_INFORMATION = 1e-9  # singular value over the largest: this direction is not in the record
 
 
-class Fit(eqx.Module):
+class WeightedFit(eqx.Module):
     """What the compiled estimate gives back."""
 
     parameters: Float[Array, " param"]
@@ -44,11 +44,11 @@ class Fit(eqx.Module):
     converged: Array
 
 
-class Problem(eqx.Module):
+class WeightedProblem(eqx.Module):
     """What the Gauss-Newton iteration minimises over `y = (ln(alpha/start), beta)`."""
 
     system: StateSpace
-    data: Experiment
+    data: WindowData
     fourier_per_alpha: Float[Array, ""]
     start: Float[Array, ""]
     explicit_theta: bool = eqx.field(static=True)
@@ -77,7 +77,7 @@ class Problem(eqx.Module):
         return (self.data.weight * (predicted - self.data.observed), y[1:]), predicted
 
 
-def searched(problem: Problem, eta: Float[Array, ""], max_iterations: int) -> optx.Solution:
+def searched(problem: WeightedProblem, eta: Float[Array, ""], max_iterations: int) -> optx.Solution:
     """The iteration from the start, traced where it is called; its arrays lie as the problem's rows do."""
     return search(
         lambda y, problem: problem.residual(y),
@@ -97,9 +97,9 @@ def stacked(of_readings: Float[Array, "*readings param"], of_priors: Array) -> F
 
 # where an estimate takes a millisecond, filter_jit's own time counts
 @partial(jax.jit, static_argnames=("explicit_theta", "integrator", "max_iterations"))
-def fit_experiment(
+def fit_weighted_least_squares(
     system: StateSpace,
-    data: Experiment,
+    data: WindowData,
     fourier_per_alpha: Float[Array, ""],
     start: Float[Array, ""],
     eta: Float[Array, ""],
@@ -107,15 +107,15 @@ def fit_experiment(
     explicit_theta: bool = True,
     integrator: Integrator = "propagator",
     max_iterations: int = 100,
-) -> Fit:
+) -> WeightedFit:
     """The compiled estimate: one compilation for all windows of a length, all starts, all values.
 
-    Arguments:
+    Args:
         fourier_per_alpha: Fo for a diffusivity of 1 m2/s.
         start: m2/s.
         eta: the stopping criterion on the diffusivity; its square is that on the cost.
     """
-    problem = Problem(system, data, fourier_per_alpha, start, explicit_theta, integrator)
+    problem = WeightedProblem(system, data, fourier_per_alpha, start, explicit_theta, integrator)
     solution = searched(problem, eta, max_iterations)
     stats = solution.stats
     predicted, (of_readings, of_priors) = solution.aux, stats["jacobian"]
@@ -123,7 +123,7 @@ def fit_experiment(
     trace = eqx.tree_at(
         lambda t: t.parameters, trace, trace.parameters.at[:, 0].set(start * jnp.exp(trace.parameters[:, 0]))
     )
-    return Fit(
+    return WeightedFit(
         parameters=solution.value,
         trace=trace,
         predicted=predicted,
@@ -134,8 +134,8 @@ def fit_experiment(
 
 
 @eqx.filter_jit
-def apart(
-    large: StateSpace, system: StateSpace, data: Experiment, fourier: Float[Array, ""]
+def model_difference(
+    large: StateSpace, system: StateSpace, data: WindowData, fourier: Float[Array, ""]
 ) -> Float[Array, "time sensor"]:
     """The large model's predictions less a reduced one's, K."""
     return data.temperature * (run(large, fourier, data)[0] - run(system, fourier, data)[0])
@@ -163,7 +163,7 @@ def paper_sigma(
 
     A position error is the same all the time: this is for the paper's figure, and no weight.
 
-    Arguments:
+    Args:
         noise_std: sigma_m per sensor, K.
         gradient: dT/dx at the sensors, K/m, `(time, sensor)`.
         position_std: delta_x per sensor, m.
@@ -171,11 +171,11 @@ def paper_sigma(
     return np.sqrt(noise_std**2 + (gradient * position_std) ** 2)
 
 
-def simple_sigma(case: Case, data: Experiment, diffusivity: float) -> Float[np.ndarray, "time sensor"]:
+def simple_sigma(case: Case, data: WindowData, diffusivity: float) -> Float[np.ndarray, "time sensor"]:
     """`paper_sigma` of each reading of a window at a diffusivity (m2/s), by the large model, K."""
     gradients = [Output(sensor.position, "gradient") for sensor in case.sensors]
     sensors = len(gradients)
-    large = large_model(case, gradients).select(list(range(sensors, 2 * sensors)))
+    large = full_order_model(case, gradients).select(list(range(sensors, 2 * sensors)))
     slope = np.asarray(run(large, scales(case).fourier(diffusivity), data)[0])
     return paper_sigma(
         np.array([sensor.noise_std for sensor in case.sensors]),

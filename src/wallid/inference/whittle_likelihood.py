@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from .noise_covariance import Noise, NoiseModel
+from .noise_covariance import Noise, NoiseShape
 
 _LEAST_SHARE = 0.3  # a frequency of which the directions taken out leave less says nothing about noise
 _RANK = 1e-4  # of the directions taken out, relative to the largest after whitening
@@ -30,7 +30,7 @@ _CORRELATIONS = (0.3, 0.5, 0.6, 0.7, 0.76, 0.82, 0.86, 0.89, 0.92, 0.95, 0.97)
 
 
 def estimate_noise(
-    model: NoiseModel,
+    model: NoiseShape,
     residual: np.ndarray,
     directions: np.ndarray,
     along: np.ndarray | None = None,
@@ -39,7 +39,7 @@ def estimate_noise(
 ) -> Noise:
     """The noise that a residual shows beside these directions.
 
-    Arguments:
+    Args:
         residual: of the binned readings, K, 0 where missing.
         directions: what an effect or a free parameter would add, `(direction, reading)`.
         along: a parameter's direction with the others taken out, `(reading,)`, for the ratios of its standard
@@ -85,7 +85,7 @@ def _slow(lasting: float, rho: float, log_total: float) -> float:
 class _Whittle:
     """Whittle's likelihood of a residual beside some directions."""
 
-    def __init__(self, model: NoiseModel, residual: np.ndarray, directions: np.ndarray, edges: bool):
+    def __init__(self, model: NoiseShape, residual: np.ndarray, directions: np.ndarray, edges: bool):
         self.model, self.edges = model, edges
         spectrum = np.fft.rfft(model.binned, 2 * model.count, axis=1)[:, : model.count]
         through = (np.abs(spectrum) ** 2).sum(axis=0)  # (frequency, sensor)

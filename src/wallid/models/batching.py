@@ -48,7 +48,7 @@ def sweep(
 ) -> PyTree:
     """`function(item, *shared)` for every row of `items`, its answers stacked.
 
-    Arguments:
+    Args:
         function: of one item and what all items share; traceable by JAX. The same object from call to call is
             compiled once for each shape.
         items: a pytree of arrays that have one length along their first axis.

@@ -28,7 +28,7 @@ _FEWEST_CELLS = 3  # in a layer, so that a cubic fits into each
 class Output:
     """What a model gives out at one place.
 
-    Arguments:
+    Args:
         position: m from the left face, faces included.
         kind: "temperature": u. "gradient": `du/dx*`, times `T_ref / L` in K/m. "flux":
             `-(k/k_eff) du/dx*` along +x, times `k_eff T_ref / L` in W/m2.
@@ -67,7 +67,7 @@ def grid(wall: Wall, nodes: int) -> np.ndarray:
     return np.concatenate([*pieces, [1.0]])
 
 
-def lom(
+def finite_volume_model(
     wall: Wall,
     outputs: Sequence[Output],
     *,
@@ -81,7 +81,7 @@ def lom(
     `U' = Fo (A U + B Q)`, `Y = C U + D Q`, `U(0) = P a`: the state are the inner nodes, `a` the
     coefficients of the initial profile `sum_k a_k x*^k`.
 
-    Arguments:
+    Args:
         outputs: temperatures and fluxes anywhere in the wall; cubic between nodes, within a layer.
         nodes: with both faces.
         profile_degree: of the initial profile's polynomial.

@@ -13,7 +13,7 @@ from ..case.initial_profile import PROFILE_MODES
 from ..case.time_window import Window, whole
 from ..case.wall_and_sensors import SIDES
 from .finite_volume_wall import Output
-from .window_inputs import Experiment
+from .window_inputs import WindowData
 
 
 def conductance_of(case: Case) -> float:
@@ -73,7 +73,7 @@ def flux_readings(case: Case, window: Window) -> np.ndarray:
     return np.where(untold[:, None], np.nan, flux)
 
 
-def with_flux(case: Case, window: Window, data: Experiment) -> Experiment:
+def with_flux(case: Case, window: Window, data: WindowData) -> WindowData:
     """The experiment with the plates' readings after the sensors', W/m2, their first rows left out (`untold_rows`)."""
     plates = fluxes_of(case)
     if not plates or data.observed.shape[1] > len(case.sensors):  # none, or they are there
@@ -81,7 +81,7 @@ def with_flux(case: Case, window: Window, data: Experiment) -> Experiment:
     return plates_beside(data, flux_readings(case, window), flux_noise_std(case))
 
 
-def plates_beside(data: Experiment, flux: np.ndarray, noise_std: float) -> Experiment:
+def plates_beside(data: WindowData, flux: np.ndarray, noise_std: float) -> WindowData:
     """The experiment with fluxes after the sensors' readings, weighted by their noise; none where one is NaN."""
     there = np.isfinite(flux)
     observed = np.concatenate([np.asarray(data.observed), np.where(there, flux, 0.0)], axis=1)

@@ -62,7 +62,7 @@ def simulate(
 ) -> tuple[Outputs, Outputs | None]:
     """The outputs of a model under inputs that are straight lines between rows, by diffrax.
 
-    Arguments:
+    Args:
         fourier: Fo = t_ref alpha / L^2.
         time: the rows' times in t_ref, strictly increasing, any steps.
         inputs: the inputs at the rows.

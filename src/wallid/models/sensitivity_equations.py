@@ -7,20 +7,23 @@ with a free H_theta has only the explicit one as its learned sensitivity.
 
 from __future__ import annotations
 
+from typing import Literal
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, ScalarLike
 
+from .._internal.validation import one_of
 from .integration import Integrator, Outputs, run_rows
 from .state_space import StateSpace
-from .window_inputs import Experiment
+from .window_inputs import WindowData
 
 
 def run(
     system: StateSpace,
     fourier: ScalarLike,
-    experiment: Experiment,
+    experiment: WindowData,
     *,
     sensitivity: bool = False,
     integrator: Integrator = "propagator",
@@ -33,7 +36,7 @@ def run(
 def profile_response(
     system: StateSpace,
     fourier: ScalarLike,
-    experiment: Experiment,
+    experiment: WindowData,
     initial: Float[Array, " param"],
     *,
     integrator: Integrator = "propagator",
@@ -44,7 +47,7 @@ def profile_response(
 
 
 def explicit(
-    system: StateSpace, fourier: ScalarLike, experiment: Experiment, *, integrator: Integrator = "propagator"
+    system: StateSpace, fourier: ScalarLike, experiment: WindowData, *, integrator: Integrator = "propagator"
 ) -> tuple[Outputs, Outputs]:
     """u and theta by the explicit theta system."""
     u, theta = run(system, fourier, experiment, sensitivity=True, integrator=integrator)
@@ -53,7 +56,7 @@ def explicit(
 
 
 def autodiff(
-    system: StateSpace, fourier: ScalarLike, experiment: Experiment, *, integrator: Integrator = "propagator"
+    system: StateSpace, fourier: ScalarLike, experiment: WindowData, *, integrator: Integrator = "propagator"
 ) -> tuple[Outputs, Outputs]:
     """u and theta by forward-mode differentiation of u."""
     fourier = jnp.asarray(fourier, dtype=float)
@@ -62,12 +65,40 @@ def autodiff(
     )
 
 
+def sensitivity(
+    system: StateSpace,
+    fourier: ScalarLike,
+    data: WindowData,
+    *,
+    method: Literal["explicit", "autodiff"] = "explicit",
+    integrator: Integrator = "propagator",
+) -> tuple[Outputs, Outputs]:
+    """The outputs `u` of a model and their sensitivity `theta = du/dFo` over a window.
+
+    Args:
+        system: a full-order or reduced-order model.
+        fourier: Fo = t_ref alpha / L^2, 1.
+        data: the window's inputs and initial profile, from `wallid.models.window_data`.
+        method: "explicit" integrates the theta system beside the field; "autodiff" differentiates the integration of
+            the field in forward mode. They agree to round-off.
+        integrator: "propagator", the exact step from row to row, or "diffrax".
+
+    Returns:
+        `u` and `theta`, both `(time, output)`, 1.
+
+    Raises:
+        ValueError: another method.
+    """
+    one_of("method", method, ("explicit", "autodiff"))
+    return (explicit if method == "explicit" else autodiff)(system, fourier, data, integrator=integrator)
+
+
 @eqx.filter_custom_jvp
 def field_with_theta(
     fourier: Float[Array, ""],
     initial: Float[Array, " param"],
     system: StateSpace,
-    experiment: Experiment,
+    experiment: WindowData,
     integrator: Integrator,
 ) -> Outputs:
     """u from an initial profile; its derivative by Fo is the explicit theta.

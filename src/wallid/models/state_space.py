@@ -47,7 +47,7 @@ def require_x64() -> None:
 class StateSpace(eqx.Module):
     """A linear model whose rate is scaled by the Fourier number.
 
-    Arguments:
+    Args:
         A: what scales with Fo, 1; `(node, node)`, or `(node,)` where it is diagonal.
         B: the inputs' part that scales with Fo, 1.
         C, D: outputs from the state and directly from the inputs.

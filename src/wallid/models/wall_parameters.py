@@ -21,7 +21,7 @@ import numpy as np
 from ..case.case_definition import Case
 from ..case.initial_profile import profile_degree
 from ..case.wall_and_sensors import Wall
-from .finite_volume_wall import Output, grid, lom
+from .finite_volume_wall import Output, finite_volume_model, grid
 from .state_space import StateSpace
 
 LAYER_STD = 0.5  # of ln(k_i / k_1)
@@ -30,7 +30,7 @@ _COEFFICIENT = {"inside": 1 / 0.13, "outside": 1 / 0.04}  # W/m2/K
 _FARTHEST = 4.0  # prior standard deviations: no search goes beyond
 
 
-def structure_of(case: Case) -> tuple[str, ...]:
+def free_wall_parameters(case: Case) -> tuple[str, ...]:
     """The names of what is free: "layer 2", "film_left"."""
     names: list[str] = []
     for choice in case.choices.free:
@@ -46,7 +46,7 @@ def std_of(name: str) -> float:
     return LAYER_STD if name.startswith("layer") else FILM_STD
 
 
-def within(values: np.ndarray) -> np.ndarray:
+def clipped_to_prior(values: np.ndarray) -> np.ndarray:
     """Parameters no farther from their priors than a search goes."""
     return np.clip(values, -_FARTHEST, _FARTHEST)
 
@@ -81,9 +81,9 @@ def layer_ratios(case: Case, names: Sequence[str], values: np.ndarray) -> np.nda
     return np.array([k / c for _, k, c in wall_at(case, names, values).relative_layers()])
 
 
-def system_at(case: Case, names: Sequence[str], values: np.ndarray, outputs: Sequence[Output]) -> StateSpace:
+def model_at(case: Case, names: Sequence[str], values: np.ndarray, outputs: Sequence[Output]) -> StateSpace:
     """The large model at these parameters, in its modes, on the nodes of the case's own wall."""
-    return lom(
+    return finite_volume_model(
         wall_at(case, names, values),
         outputs,
         nodes=case.choices.nodes,

@@ -15,14 +15,14 @@ from ..case.case_definition import Case
 from ..case.initial_profile import dimensionless_profile, fit_profile, profile_degree, scales
 from ..case.time_window import STILL, Window, check_unbroken, whole
 from ..case.wall_and_sensors import SIDES
-from .finite_volume_wall import Output, lom
+from .finite_volume_wall import Output, finite_volume_model
 from .state_space import StateSpace
 
 
-class Experiment(eqx.Module):
+class WindowData(eqx.Module):
     """What a model is driven with and compared to, over one window.
 
-    Arguments:
+    Args:
         step: of the rows, in t_ref.
         inputs: dimensionless face temperatures (left, right).
         initial: dimensionless coefficients of the initial profile in x*.
@@ -50,7 +50,7 @@ class Experiment(eqx.Module):
         """Dimensionless temperatures in degC."""
         return self.temperature_min + self.temperature * u
 
-    def starting_from(self, initial: Float[Array, " param"]) -> Experiment:
+    def starting_from(self, initial: Float[Array, " param"]) -> WindowData:
         """The same window from another initial profile."""
         return eqx.tree_at(lambda data: data.initial, self, initial)
 
@@ -60,10 +60,10 @@ class Experiment(eqx.Module):
         return self.step * jnp.arange(self.inputs.shape[0])
 
 
-def experiment(case: Case, window: Window | None = None, *, weighted: bool = True) -> Experiment:
+def window_data(case: Case, window: Window | None = None, *, weighted: bool = True) -> WindowData:
     """A window of a case (None: its whole record, straight lines across its breaks) for estimation.
 
-    Arguments:
+    Args:
         weighted: each reading by its sensor's noise; False gives the paper's plain sum of squares (all
             readings by one noise, the sensors' root mean square).
 
@@ -87,7 +87,7 @@ def experiment(case: Case, window: Window | None = None, *, weighted: bool = Tru
             f"{case.record.file}: no inner sensor has a reading from {part.stamp(0)} on, over {window.rows} rows; "
             "take another window"
         )
-    return Experiment(
+    return WindowData(
         step=part.step / scale.time,
         inputs=scale.dimensionless(part.faces),
         initial=dimensionless_profile(profile.coefficients, scale),
@@ -101,7 +101,7 @@ def experiment(case: Case, window: Window | None = None, *, weighted: bool = Tru
     )
 
 
-def large_model(case: Case, extra: Sequence[Output] = ()) -> StateSpace:
+def full_order_model(case: Case, extra: Sequence[Output] = ()) -> StateSpace:
     """The case's large model in its modes; outputs are the sensors, then `extra`.
 
     Raises:
@@ -114,7 +114,7 @@ def large_model(case: Case, extra: Sequence[Output] = ()) -> StateSpace:
         )
     sensors = [Output(sensor.position, name=sensor.name) for sensor in case.sensors]
     degree = profile_degree(case)
-    return lom(case.wall, [*sensors, *extra], nodes=case.choices.nodes, profile_degree=degree).modal()
+    return finite_volume_model(case.wall, [*sensors, *extra], nodes=case.choices.nodes, profile_degree=degree).modal()
 
 
 def check_driven(model: StateSpace, case: Case, window: Window | None = None) -> None:
@@ -133,5 +133,5 @@ def check_driven(model: StateSpace, case: Case, window: Window | None = None) ->
             raise InputError(
                 f"record: the {name} face moves by up to {largest[side]:.3g} K from the initial profile, and the "
                 f"reduced model never learned what the {name} face does; add a learning signal in which it "
-                'moves ([[learning.signal]]), or use [choices] model = "lom"'
+                'moves ([[learning.signal]]), or use [choices] model = "finite_volume_model"'
             )

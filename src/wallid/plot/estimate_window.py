@@ -64,7 +64,7 @@ def reading_interval(case: Case, fit: Estimate, theta: np.ndarray) -> np.ndarray
     From the sensor's noise as stated and from the diffusivity's standard error, std:
     `1.96 sqrt(noise^2 + (theta std / value)^2)`.
 
-    Arguments:
+    Args:
         theta: `dT/d(ln alpha)` over the estimate's window, K, as `wallid.estimate.theta_kelvin` gives it.
     """
     noise = np.array([sensor.noise_std for sensor in case.sensors])
@@ -76,7 +76,7 @@ def measured_against_simulated(
 ) -> None:
     """Readings and model over the estimate's window, with each reading's 95 % interval.
 
-    Arguments:
+    Args:
         theta: see `reading_interval`; None leaves the interval out. legend: False where another panel's tells.
     """
     days = case.record.days[fit.window.part]
@@ -96,7 +96,7 @@ def measured_against_simulated(
 def residual(ax: Axes, case: Case, fit: Estimate, theta: np.ndarray | None = None, *, legend: bool = True) -> None:
     """Measured minus simulated over the estimate's window, with each reading's 95 % interval.
 
-    Arguments:
+    Args:
         theta: see `reading_interval`; None leaves the interval out. legend: False where another panel's tells.
     """
     days = case.record.days[fit.window.part]

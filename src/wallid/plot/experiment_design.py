@@ -8,9 +8,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from .._internal.number_formats import number
 from .._internal.units import DAY
-from ..experiment_design.sampling_step import Sampling
-from ..experiment_design.sensor_placement import Places
-from ..experiment_design.window_lengths import Lengths
+from ..experiment_design.sampling_step import SamplingComparison
+from ..experiment_design.sensor_placement import SensorPlacement
+from ..experiment_design.window_lengths import LengthComparison
 from ..experiment_design.window_selection import Design
 from .house_style import BLUE, GREY, ORANGE, RED, colour, marked_line
 from .legends import legend_above, legend_below
@@ -34,7 +34,7 @@ def criterion(ax: Axes, design: Design) -> None:
     legend_above(ax)
 
 
-def compromise(ax: Axes, lengths: Lengths) -> None:
+def compromise(ax: Axes, lengths: LengthComparison) -> None:
     """The criterion against the window's length, with the estimate's cost beside it where it is known."""
     (left,) = ax.plot(lengths.days, lengths.criterion, "o-", color=BLUE, label="criterion")
     ax.set(xlabel="length of the window (days)", ylabel=r"$\Psi / \Psi_{longest}$ (-)", ylim=(0, 1.08))
@@ -53,7 +53,7 @@ def compromise(ax: Axes, lengths: Lengths) -> None:
     legend_below(ax, [left, right])
 
 
-def sensor_places(ax: Axes, found: Places) -> None:
+def sensor_places(ax: Axes, found: SensorPlacement) -> None:
     """The standard error to expect with one more sensor at each place, for each diffusivity; the best place marked."""
     for a, alpha in enumerate(found.diffusivities):
         label = rf"one more, $\alpha$ = {number(alpha, 2)} m²/s"
@@ -75,7 +75,7 @@ def sensor_places(ax: Axes, found: Places) -> None:
     legend_below(ax)
 
 
-def sampling(ax: Axes, found: Sampling) -> None:
+def sampling(ax: Axes, found: SamplingComparison) -> None:
     """The standard error to expect at each sampling step, and what straight lines between rows do."""
     ax.loglog(found.steps, found.std, "o-", color=BLUE, label="standard error")
     moved = np.abs(found.shift) > 1e-6

@@ -55,7 +55,7 @@ def legend_above(ax: Axes) -> None:
 def legend_below(ax: Axes, handles: Sequence[Any] | None = None) -> None:
     """A legend under the Axes and their label.
 
-    Arguments:
+    Args:
         handles: what it tells of; None for all that has a label.
     """
     make_room(ax)

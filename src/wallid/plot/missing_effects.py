@@ -11,8 +11,8 @@ from matplotlib.collections import QuadMesh
 from .._internal.number_formats import unit
 from .._internal.units import DAY
 from ..discrepancy.effect_fit import Fit
-from ..discrepancy.findings import CHANCE, Explanation, Named
-from ..discrepancy.problem import Slot
+from ..discrepancy.findings import CHANCE, Diagnosis, NamedEffect
+from ..discrepancy.problem import EffectParameters
 from ..inference.quantity import NORMAL_95
 from .house_style import BLUE, DAYS, GREEN, GREY, KEEP, ORANGE, RED, SKY, ink_on
 from .legends import legend_above, legend_below, make_room
@@ -26,7 +26,7 @@ _SHOWN = 12
 
 def worst_week(fit: Fit) -> slice:
     """The rows of the seven days in which a model misses most."""
-    rest = fit.remainder
+    rest = fit.residual_at_rows
     count = np.isfinite(rest).sum(axis=1)
     squares = np.where(np.isfinite(rest), rest, 0.0)
     rows = min(len(rest), max(2, round(_WEEK / fit.study.record.step)))
@@ -38,10 +38,10 @@ def worst_week(fit: Fit) -> slice:
     return slice(first, first + rows)
 
 
-def week_temperatures(ax: Axes, explanation: Explanation, sensor: int, *, legend: bool = True) -> None:
+def week_temperatures(ax: Axes, explanation: Diagnosis, sensor: int, *, legend: bool = True) -> None:
     """Measured against simulated over the plain model's worst week, before and after.
 
-    Arguments:
+    Args:
         legend: False where another panel's tells.
     """
     week, days = worst_week(explanation.before), days_of(explanation.before)
@@ -58,10 +58,10 @@ def week_temperatures(ax: Axes, explanation: Explanation, sensor: int, *, legend
     make_room(ax)
 
 
-def week_residuals(ax: Axes, explanation: Explanation, sensor: int, *, legend: bool = True) -> None:
+def week_residuals(ax: Axes, explanation: Diagnosis, sensor: int, *, legend: bool = True) -> None:
     """Measured minus simulated over that week, before and after.
 
-    Arguments:
+    Args:
         legend: False where another panel's tells.
     """
     week, days = worst_week(explanation.before), days_of(explanation.before)
@@ -69,7 +69,7 @@ def week_residuals(ax: Axes, explanation: Explanation, sensor: int, *, legend: b
     if explanation.after.active:
         shown.append((explanation.after, BLUE, ".-", _with(explanation)))
     for fit, tint, line, label in shown:
-        rest = fit.remainder[week, sensor]
+        rest = fit.residual_at_rows[week, sensor]
         there = np.isfinite(rest)
         ax.plot(days[week][there], rest[there], line, ms=2.5, lw=0.8, color=tint, label=label)
     ax.axhline(0.0, color=GREY, lw=0.8)
@@ -80,7 +80,7 @@ def week_residuals(ax: Axes, explanation: Explanation, sensor: int, *, legend: b
     make_room(ax)
 
 
-def waterfall_steps(explanation: Explanation) -> list[tuple[str, float]]:
+def waterfall_steps(explanation: Diagnosis) -> list[tuple[str, float]]:
     """Gaps from the plain model to the last, K, each with what was added.
 
     The effects come in by what they explain, the largest first. A model with only the first of them is
@@ -101,13 +101,13 @@ def waterfall_steps(explanation: Explanation) -> list[tuple[str, float]]:
     return steps
 
 
-def _tried(explanation: Explanation, slots: set[Slot]) -> Fit | None:
+def _tried(explanation: Diagnosis, slots: set[EffectParameters]) -> Fit | None:
     """The best fit that the search has made with just these effects."""
     fits = [trial.fit for trial in explanation.trials if set(trial.fit.active) == slots]
     return min(fits, key=lambda fit: fit.cost, default=None)
 
 
-def waterfall(ax: Axes, explanation: Explanation) -> None:
+def waterfall(ax: Axes, explanation: Diagnosis) -> None:
     """The gap from the plain model through each effect to what is left, beside what noise alone would leave."""
     gap, steps = explanation.gap, waterfall_steps(explanation)
     bars = [("plain model", 0.0, gap.before, GREY)]
@@ -148,7 +148,7 @@ def waterfall(ax: Axes, explanation: Explanation) -> None:
     make_room(ax)
 
 
-def ranked_gains(ax: Axes, explanation: Explanation, count: int = _SHOWN) -> None:
+def ranked_gains(ax: Axes, explanation: Diagnosis, count: int = _SHOWN) -> None:
     """What each effect alone would explain beside the plain model: expected, and after a refit where one was made."""
     rows = [row for row in explanation.table[:count] if row.expected > 0]
     named = {effect.slot for effect in explanation.effects}
@@ -174,15 +174,15 @@ def ranked_gains(ax: Axes, explanation: Explanation, count: int = _SHOWN) -> Non
     legend_below(ax)
 
 
-def confusable_places(explanation: Explanation, count: int = _SHOWN) -> list[int]:
+def confusable_places(explanation: Diagnosis, count: int = _SHOWN) -> list[int]:
     """The effects that would explain most, each at its best place, by their place in the screen."""
     return explanation.screen.best(count)
 
 
-def confusability(ax: Axes, explanation: Explanation, count: int = _SHOWN, *, colour_bar: bool = True) -> QuadMesh:
+def confusability(ax: Axes, explanation: Diagnosis, count: int = _SHOWN, *, colour_bar: bool = True) -> QuadMesh:
     """How alike the traces of the leading effects are in this record: 1, and it cannot tell them apart.
 
-    Arguments:
+    Args:
         count: of effects. colour_bar: False leaves it to the caller.
     """
     make_room(ax)
@@ -214,7 +214,7 @@ def confusability(ax: Axes, explanation: Explanation, count: int = _SHOWN, *, co
     return mesh
 
 
-def size_by_window(ax: Axes, explanation: Explanation, named: Named) -> None:
+def size_by_window(ax: Axes, explanation: Diagnosis, named: NamedEffect) -> None:
     """An effect's size from each quarter of the record, beside that of the whole."""
     size = named.slot.effect.parameters[0]
     value, std = named.values[size.name]
@@ -238,13 +238,13 @@ def size_by_window(ax: Axes, explanation: Explanation, named: Named) -> None:
     legend_above(ax)
 
 
-def _with(explanation: Explanation) -> str:
+def _with(explanation: Diagnosis) -> str:
     """The name of the later model."""
     which = "nearest " if explanation.incomplete else ""
     return f"with the {which}effect{'s' if len(explanation.effects) > 1 else ''}{_refused(explanation)}"
 
 
-def _refused(explanation: Explanation) -> str:
+def _refused(explanation: Diagnosis) -> str:
     """Said of effects that may not stand; empty where they do."""
     return ", refused" if explanation.incomplete else ""
 

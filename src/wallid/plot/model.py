@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ..case.case_definition import Case
 from ..models.flux_plates import conductance_of, fluxes_of
-from ..reduction.modal_identification import Learned
+from ..reduction.modal_identification import LearnedModel
 from .house_style import BLUE, DAYS, ORANGE, line
 from .legends import legend_above, shortened
 from .logged_record import thinned
@@ -40,7 +40,7 @@ def flux_theta(ax: Axes, case: Case, days: np.ndarray, sensitivity: np.ndarray) 
     legend_above(ax)
 
 
-def orders(ax: Axes, learned: Sequence[Learned]) -> None:
+def orders(ax: Axes, learned: Sequence[LearnedModel]) -> None:
     """Errors of the reduced model over its learning signals, against its order."""
     order = [one.system.order for one in learned]
     names = ((r"$u$", BLUE), (r"$\theta$", ORANGE))

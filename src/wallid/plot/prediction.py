@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from ..estimation.prediction import Loads, Reliability
+from ..estimation.prediction import Loads, Prediction
 from .house_style import BLUE, DAYS, GREY, ORANGE, line
 from .legends import legend_above, make_room, shortened
 
 
-def last_week(ax: Axes, reliability: Reliability, sensor: int) -> None:
+def last_week(ax: Axes, reliability: Prediction, sensor: int) -> None:
     """Measured, and predicted with prior and estimate, over the record's last seven days."""
     days = reliability.days
     late = days >= days[-1] - 7.0
@@ -27,7 +27,7 @@ def last_week(ax: Axes, reliability: Reliability, sensor: int) -> None:
     legend_above(ax)
 
 
-def density(ax: Axes, reliability: Reliability, sensor: int) -> None:
+def density(ax: Axes, reliability: Prediction, sensor: int) -> None:
     """Residual densities with prior and estimate beside that of the measurement's uncertainty."""
     pairs = (
         ("prior", reliability.residual_prior[:, sensor], ORANGE),
@@ -45,7 +45,7 @@ def density(ax: Axes, reliability: Reliability, sensor: int) -> None:
 def densities(ax: Axes, residuals: Sequence[tuple[str, np.ndarray, str]], sigma: np.ndarray, name: str) -> None:
     """Histograms of residuals beside the density of normal noise, a share of the readings at each of its sizes.
 
-    Arguments:
+    Args:
         residuals: (label, values, colour) of each.
         sigma: standard deviation of the noise of each reading.
         name: of the noise.
@@ -62,7 +62,7 @@ def densities(ax: Axes, residuals: Sequence[tuple[str, np.ndarray, str]], sigma:
     ax.plot(x, normal @ share, color=GREY, label=name)
 
 
-def uncertainty(ax: Axes, reliability: Reliability) -> None:
+def uncertainty(ax: Axes, reliability: Prediction) -> None:
     """The density of each sensor's combined uncertainty (noise, and position through the gradient)."""
     for s, name in enumerate(reliability.names):
         sigma = reliability.sigma[:, s]

@@ -13,9 +13,9 @@ from matplotlib.ticker import MaxNLocator
 
 from .._internal.units import DAY
 from ..discrepancy.effect_fit import Fit
-from ..discrepancy.findings import Explanation
+from ..discrepancy.findings import Diagnosis
 from ..discrepancy.model_with_effects import impulses
-from ..discrepancy.residual_tests import Remainder
+from ..discrepancy.residual_tests import ResidualTests
 from .house_style import DAYS, GREY, colour, line, marked_line, marks
 from .legends import legend_above, legend_below, make_room, shortened
 
@@ -26,7 +26,7 @@ _KOLMOGOROV_95 = 1.358
 def residual_map(ax: Axes, fit: Fit, limit: float, title: str, *, colour_bar: bool = True) -> QuadMesh:
     """The remainder by sensor and time, blue where the model is too warm, grey where there is no reading.
 
-    Arguments:
+    Args:
         limit: of the colours, K; see `colour_limit`. colour_bar: False where several maps share one.
     """
     make_room(ax)
@@ -35,7 +35,7 @@ def residual_map(ax: Axes, fit: Fit, limit: float, title: str, *, colour_bar: bo
     names = names_of(fit)
     edges = np.append(days, days[-1] + step) - 0.5 * step
     mesh = ax.pcolormesh(
-        edges, np.arange(len(names) + 1), fit.remainder.T, cmap=_warm_and_cold(), vmin=-limit, vmax=limit
+        edges, np.arange(len(names) + 1), fit.residual_at_rows.T, cmap=_warm_and_cold(), vmin=-limit, vmax=limit
     )
     ax.set(xlabel=DAYS, title=f"{title}: rms {short(fit.gap)} K")
     ax.set_yticks(np.arange(len(names)) + 0.5, names)
@@ -58,15 +58,15 @@ def shared_colour_bar(mesh: QuadMesh, axes: Sequence[Axes]) -> None:
     made.colorbar(mesh, ax=list(axes), label="measured minus simulated (K)", extend="both", pad=0.01)
 
 
-def colour_limit(explanation: Explanation) -> float:
+def colour_limit(explanation: Diagnosis) -> float:
     """The colours' common end for the maps before and after, K."""
-    return float(np.nanpercentile(np.abs(explanation.before.remainder), _CLIPPED))
+    return float(np.nanpercentile(np.abs(explanation.before.residual_at_rows), _CLIPPED))
 
 
 def hourly_residual(ax: Axes, fit: Fit, by_hour: np.ndarray, title: str, *, legend: bool = True) -> None:
     """The mean remainder by sensor and hour of the day.
 
-    Arguments:
+    Args:
         by_hour: K, `(hour, sensor)`; NaN where no row falls. legend: False where another panel's tells.
     """
     hours = np.arange(24)
@@ -81,7 +81,7 @@ def hourly_residual(ax: Axes, fit: Fit, by_hour: np.ndarray, title: str, *, lege
     make_room(ax)
 
 
-def smooth_remainder(ax: Axes, fit: Fit, left: Remainder) -> None:
+def smooth_remainder(ax: Axes, fit: Fit, left: ResidualTests) -> None:
     """The part of a remainder that the omnibus tests saw, orthogonal to all that is free: where and when it sits.
 
     Beside it the mean of each day's remainder.
@@ -92,7 +92,7 @@ def smooth_remainder(ax: Axes, fit: Fit, left: Remainder) -> None:
     for s, name in enumerate(names_of(fit)):
         ax.plot(middle, left.smooth[:, s], lw=1.1, label=name, **line(s))
         for day in np.unique(number):
-            some = fit.remainder[number == day, s]
+            some = fit.residual_at_rows[number == day, s]
             if np.isfinite(some).any():
                 ax.plot(day + 0.5, np.nanmean(some), ".", ms=5, color=colour(s))
     ax.axhline(0.0, color=GREY, lw=0.8)
@@ -103,7 +103,7 @@ def smooth_remainder(ax: Axes, fit: Fit, left: Remainder) -> None:
 def periodogram(values: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     """The share of a series' variance below each frequency; missing values count as the mean.
 
-    Arguments:
+    Args:
         step: s.
 
     Returns:
@@ -131,7 +131,7 @@ def expected_shares(fit: Fit) -> np.ndarray:
     rho = noise.correlation
     memory = (1 - rho**2) / (1 - 2 * rho * np.cos(omega) + rho**2)
     faces = study.record.boundary_noise_std**2 * (np.abs(through) ** 2).sum(axis=0)
-    power = (noise.white + noise.lasting * memory)[:, None] * (own**2 + faces)
+    power = (noise.white + noise.autocorrelated * memory)[:, None] * (own**2 + faces)
     return np.cumsum(power, axis=0) / power.sum(axis=0)
 
 
@@ -141,7 +141,7 @@ def cumulative_periodogram(ax: Axes, fit: Fit, title: str, *, legend: bool = Tru
     Noise that remembers, or that came in through the faces, leaves the band as well: dashed lines show what the
     fit's own noise model expects.
 
-    Arguments:
+    Args:
         legend: False where another panel's tells.
 
     Source: M. S. Bartlett, An Introduction to Stochastic Processes (1955), 9.23.
@@ -149,7 +149,7 @@ def cumulative_periodogram(ax: Axes, fit: Fit, title: str, *, legend: bool = Tru
     step = fit.study.record.step
     frequency, expected = np.array([]), expected_shares(fit)
     for s, name in enumerate(names_of(fit)):
-        frequency, share = periodogram(fit.remainder[:, s], step)
+        frequency, share = periodogram(fit.residual_at_rows[:, s], step)
         some = max(1, len(frequency) // 12)  # the lines' kinds are taken: dashed is what the model expects
         ax.plot(frequency, share, ms=3.5, markevery=(s * some // 4, some), label=name, **marks(s))
         ax.plot(frequency, expected[:, s], "--", lw=0.9, color=colour(s))

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator, NullLocator, ScalarFormatter
 
-from ..estimation.many_windows import Pooled
-from ..estimation.pooled_mean import Mean
+from ..estimation.many_windows import CampaignEstimate
+from ..estimation.pooled_mean import PooledMean
 from ..estimation.result_objects import Estimate
 from ..inference.quantity import Quantity
 from .house_style import BLUE, GREY, ORANGE
@@ -18,7 +18,7 @@ from .legends import legend_below
 _FAR = 10.0  # times the pooled value: intervals beyond are cut
 
 
-def forest(ax: Axes, found: Pooled, *, legend: bool = True) -> None:
+def forest(ax: Axes, found: CampaignEstimate, *, legend: bool = True) -> None:
     """Each window's 95 % interval of the diffusivity, grey where it is not in the mean, with the pooled band."""
     windows = [None if fit is None else _diffusivity(fit) for fit in found.fits]
     pooled = None if found.mean is None else _diffusivity(found)
@@ -28,7 +28,7 @@ def forest(ax: Axes, found: Pooled, *, legend: bool = True) -> None:
         legend_below(ax)
 
 
-def resistance_forest(ax: Axes, found: Pooled, *, legend: bool = True) -> None:
+def resistance_forest(ax: Axes, found: CampaignEstimate, *, legend: bool = True) -> None:
     """The same of the resistance that the fluxes of each window told, and those of all of them."""
     windows = [None if fit is None or not fit.has_flux else _resistance(fit) for fit in found.fits]
     _intervals(ax, found, windows, _resistance(found), found.conduction)
@@ -37,16 +37,16 @@ def resistance_forest(ax: Axes, found: Pooled, *, legend: bool = True) -> None:
         legend_below(ax)
 
 
-def _diffusivity(found: Estimate | Pooled) -> Quantity:
+def _diffusivity(found: Estimate | CampaignEstimate) -> Quantity:
     return Quantity(found.value, found.std, found.interval_95, "m2/s")
 
 
-def _resistance(found: Estimate | Pooled) -> Quantity | None:
+def _resistance(found: Estimate | CampaignEstimate) -> Quantity | None:
     return None if found.thermal is None else found.thermal.resistance
 
 
 def _intervals(
-    ax: Axes, found: Pooled, windows: list[Quantity | None], pooled: Quantity | None, mean: Mean | None
+    ax: Axes, found: CampaignEstimate, windows: list[Quantity | None], pooled: Quantity | None, mean: PooledMean | None
 ) -> None:
     """A line for each window, thick where it is in the mean; intervals far from the pooled value are cut."""
     told = [(k, one) for k, one in enumerate(windows) if one is not None]

@@ -37,7 +37,7 @@ _UNITS = {
 class Numbers:
     """A column's cells as numbers.
 
-    Arguments:
+    Args:
         values: NaN where a cell is empty or masked, (time,).
         empty, marked, text, infinite: which cells hold nothing, a sign for a missing value, another
             text, an infinite value, (time,).
@@ -148,7 +148,7 @@ def temperatures(
 ) -> np.ndarray:
     """A column of temperatures in degC, with all that no wall can have masked and noted.
 
-    Arguments:
+    Args:
         unit: declared; None for degC, which the file must not contradict.
         written: what stands under the column's name in rows of units.
 

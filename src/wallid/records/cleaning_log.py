@@ -36,7 +36,7 @@ _MANY = ("values", "cells", "spikes", "stuck readings", "rows", "readings")
 class Noted:
     """One thing that was done to a column.
 
-    Arguments:
+    Args:
         column: its name; empty for the whole record.
         kind: a key such as "spike".
         count: of values or rows.
@@ -62,7 +62,7 @@ class Noted:
 class Break:
     """A stretch without a face: the record goes on in another part after it.
 
-    Arguments:
+    Args:
         row, rows: the broken rows.
         start, end: the readings at its ends, in the record's format.
         hours: between them.
@@ -84,7 +84,7 @@ class Break:
 class Cleaning:
     """What was done to a record while it was read.
 
-    Arguments:
+    Args:
         file: how the file is written, in words; empty where it is plain.
         noted: what was done to which column.
         breaks: where the record was split.
@@ -143,7 +143,7 @@ class Cleaning:
 class Notes:
     """Collects what is done to a record while it is read.
 
-    Arguments:
+    Args:
         seconds: of the rows that masks are given for, (time,).
     """
 

@@ -26,7 +26,7 @@ _MOST = 0.5  # of a column's cells
 class Column:
     """A column of a file.
 
-    Arguments:
+    Args:
         name: as in the header.
         kind: "time", "temperature", "flux", "number" or "text".
         low, high: of its numbers; NaN where it has none.
@@ -48,7 +48,7 @@ class Column:
 class Look:
     """What a file seems to hold.
 
-    Arguments:
+    Args:
         columns: in the file's order.
         day_first: of dates that are not ISO 8601: True or False where one of them tells, else None.
         ambiguous: whether there are such dates and none tells.
@@ -70,7 +70,7 @@ class Look:
 def look(path: str | os.PathLike[str], form: Format, time: str | None = None) -> Look:
     """Read a file's columns without being told of them.
 
-    Arguments:
+    Args:
         time: the column of times, if a person has named it.
 
     Raises:

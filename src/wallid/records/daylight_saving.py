@@ -71,7 +71,7 @@ def _offset_of(moment: np.datetime64, timezone: str) -> tuple[str, int]:
 def check_daylight(place: Place, column: str, found: Stamps, same: np.ndarray, usual: float) -> None:
     """Refuse a wall clock that seems to have been put forward or back by an hour, and say how to resolve it.
 
-    Arguments:
+    Args:
         same: whether a row repeats the reading before it, (time - 1,).
         usual: step, s.
     """

@@ -22,7 +22,7 @@ _GAP_STEPS = 3.0  # or so many steps, where rows are hours apart
 class Format:
     """How a file of records is written, and what may be made of it. None: seen from the file.
 
-    Arguments:
+    Args:
         separator: between the columns: "," ";" "|" or a tab.
         decimal: "." or ",".
         encoding: such as "utf-8", "cp1252" or "utf-16".

@@ -14,7 +14,7 @@ from .._internal.errors import InputError
 class Place:
     """Where rows stand in a file.
 
-    Arguments:
+    Args:
         file: its path.
         lines: of each row; the header is line 1 where nothing stands above it, (time,).
     """

@@ -17,7 +17,7 @@ _EDGE = 1e-6  # of a step: round-off in times
 class Face:
     """A face on the grid.
 
-    Arguments:
+    Args:
         values: degC in every row: read, interpolated, or in a broken row a placeholder, (row,).
         between: rows between readings at the face's own usual step, which is longer than the grid's, (row,).
         filled: rows in a gap that is short enough, (row,).
@@ -37,7 +37,7 @@ class Face:
 def fill_face(grid: Grid, readings: Readings, longest_gap: float) -> Face:
     """A face's values in every row, between the first and the last reading.
 
-    Arguments:
+    Args:
         longest_gap: that is interpolated, s.
     """
     at = grid.seconds

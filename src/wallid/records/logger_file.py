@@ -29,7 +29,7 @@ _WESTERN = "°µ²³·ºª–’“”äöüÄÖÜßéèêëàâçîïôûùñá
 class Sheet:
     """The cells of a file.
 
-    Arguments:
+    Args:
         file: its path.
         header: the column names.
         cells: the wanted columns as a data frame, each as numbers where every cell is one; its index is

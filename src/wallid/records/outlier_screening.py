@@ -35,7 +35,7 @@ def spikes(seconds: np.ndarray, values: np.ndarray) -> np.ndarray:
     on either side (at the column's ends all of them), must lie on one line within a fifth of it: what a wall once
     had comes or goes more slowly.
 
-    Arguments:
+    Args:
         seconds, values: of the readings there are, in order, (reading,).
     """
     found = np.zeros(len(values), bool)
@@ -91,7 +91,7 @@ def stuck(values: np.ndarray) -> np.ndarray:
     at most) elsewhere in the column move by 0.5 K and 20 times its resolution, and so do the readings just
     before and after it: a quiet sensor is quiet for longer. Near 0 degC it may be ice.
 
-    Arguments:
+    Args:
         values: the readings there are, in order, (reading,).
     """
     found = np.zeros(len(values), bool)

@@ -60,7 +60,7 @@ def read_parts(
 ) -> Parts:
     """A record's rows from a file.
 
-    Arguments:
+    Args:
         faces, sensors: columns of temperatures.
         regressors: a column for each key.
         units: of columns that are not in the format's.

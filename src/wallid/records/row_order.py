@@ -19,7 +19,7 @@ def in_order(
 ) -> tuple[Place, Stamps, dict[str, np.ndarray]]:
     """Rows whose times increase, from rows in the file's order.
 
-    Arguments:
+    Args:
         column: of the times, for messages.
         values: each column, NaN where missing, (time,).
 

@@ -14,7 +14,7 @@ STEP_TOLERANCE = 1e-3  # of the step: stamps rounded by the logger
 class Stamps:
     """The rows' times, in the file's order.
 
-    Arguments:
+    Args:
         seconds: since the first row, (time,).
         stamps: datetime64[ns] by the clock of `zone`, or s as in the file, (time,).
         zone: fixed offset of the stamps from UTC; None where none is given.

@@ -26,7 +26,7 @@ FEWEST_ROWS = 8
 class Table:
     """The rows of a file that hold something.
 
-    Arguments:
+    Args:
         sheet: the file.
         place: where the rows stand.
         cells: the wanted columns, a row each.
@@ -45,7 +45,7 @@ class Table:
 class Columns:
     """Columns against uniform time, whole.
 
-    Arguments:
+    Args:
         time: s since the first row, (time,).
         values: each column, degC, (time,).
     """

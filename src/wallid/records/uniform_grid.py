@@ -29,7 +29,7 @@ USUAL = 1.5  # usual steps: readings farther apart have a gap between them
 class Grid:
     """Uniform rows.
 
-    Arguments:
+    Args:
         seconds: of the rows, on the stamps' scale, (row,).
         stamps: of the rows, as in the file, (row,).
         step: s.
@@ -46,7 +46,7 @@ class Grid:
 class Readings:
     """A column's readings, one for a row of the grid at most.
 
-    Arguments:
+    Args:
         seconds, values: mean time and value of the readings nearest to each row that has any, (reading,).
         rows: these rows, (reading,).
         binned: how many readings were averaged with another.
@@ -81,7 +81,7 @@ class Readings:
 def make_grid(place: Place, column: str, stamps: Stamps, faces: Sequence[np.ndarray], form: Format) -> Grid:
     """The rows that the readings go onto: the file's own where they are uniform.
 
-    Arguments:
+    Args:
         column: of the times, for messages.
         faces: values of both, NaN where missing; their usual step becomes the grid's.
 
@@ -121,7 +121,7 @@ def make_grid(place: Place, column: str, stamps: Stamps, faces: Sequence[np.ndar
 def on_grid(grid: Grid, seconds: np.ndarray, values: np.ndarray) -> Readings:
     """A column's readings, gathered at the nearest rows of a grid; those beyond its ends remain as neighbours.
 
-    Arguments:
+    Args:
         seconds, values: of the column, NaN where missing, (time,).
     """
     there = np.isfinite(values)

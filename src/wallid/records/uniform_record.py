@@ -38,7 +38,7 @@ REGRESSORS = (
 class Record:
     """What was logged at and in a wall, at a uniform step.
 
-    Arguments:
+    Args:
         time: s since the first row, (time,).
         stamps: the rows' times as in the file: datetime64[ns] by the clock of `zone`, or s, (time,).
         zone: fixed offset of the stamps from UTC, such as "+01:00" or "Z"; None where none is given.
@@ -236,7 +236,7 @@ def read_record(
     the line to its neighbour. A gap in a face is interpolated, its error counted in `fill_std`, or breaks
     the record where it is longer than the format's `longest_gap`. Inner readings that are missing stay so.
 
-    Arguments:
+    Args:
         time: the column of times: ISO 8601 (with or without zone), dates as the format says, or s.
         left, right: the columns of the face temperatures at x = 0 and x = length.
         sensors: the inner sensors' columns; empty cells are missing values.

@@ -35,17 +35,27 @@ from .._internal.errors import InputError
 from ..models.error_measures import eps_2, eps_inf
 from ..models.integration import Integrator
 from ..models.state_space import StateSpace
-from .variable_projection import QUIET, Modes, Setting, Signals, blocks, courses, eliminate, left_over, setting_of
+from .variable_projection import (
+    QUIET,
+    Modes,
+    Setting,
+    TrainingSignals,
+    blocks,
+    courses,
+    eliminate,
+    left_over,
+    setting_of,
+)
 
 _POLE_RATIO = 1.05  # smallest ratio of neighbouring poles: where two meet, their basis is singular
 _MOST_STEPS = 60
 _SHAPE = 10  # orders up to a multiple of it are learned in arrays of its size
 
 
-class Learned(eqx.Module):
+class LearnedModel(eqx.Module):
     """A reduced model and how well it was learned.
 
-    Arguments:
+    Args:
         system: the reduced model.
         eps_2, eps_inf: errors of (u, theta) over all learning signals, dimensionless.
         condition: of the modes' basis; above some 1e8 the split into modes means nothing.
@@ -69,15 +79,15 @@ class Learned(eqx.Module):
 def learn_system(
     lom: StateSpace,
     order: int,
-    signals: Signals,
+    signals: TrainingSignals,
     *,
     tied: bool = True,
     integrator: Integrator = "propagator",
     max_steps: int = _MOST_STEPS,
-) -> Learned:
+) -> LearnedModel:
     """A reduced model of `order` modes that gives the large model's outputs on these signals.
 
-    Arguments:
+    Args:
         lom: the large model; hoist its `modal()` out of repeated calls.
         order: the number of modes.
         signals: the learning set; inputs that no signal moves are left out of the model, which
@@ -108,12 +118,12 @@ def _learn(
     lom: StateSpace,
     order: int,
     shape: int,
-    signals: Signals,
+    signals: TrainingSignals,
     reference: tuple[Array, Array],
     tied: bool,
     integrator: Integrator,
     max_steps: int,
-) -> Learned:
+) -> LearnedModel:
     """Learn `order` modes in arrays of `shape` modes: orders of one shape share one compilation.
 
     LAPACK's threads are kept from it: its matrices are thin, and on a busy machine threads that wait
@@ -124,7 +134,7 @@ def _learn(
     modes, steps = _search(_start(lom, shape, setting), setting, max_steps)
     whole, R = _assemble(lom, modes, setting)
     learned = courses(whole, signals, integrator)
-    return Learned(
+    return LearnedModel(
         system=_first_modes(whole, order),
         eps_2=(eps_2(learned[0], reference[0]), eps_2(learned[1], reference[1])),
         eps_inf=(eps_inf(learned[0], reference[0]), eps_inf(learned[1], reference[1])),
@@ -148,11 +158,11 @@ def _first_modes(system: StateSpace, order: int) -> StateSpace:
 def sweep_orders(
     lom: StateSpace,
     orders: Sequence[int],
-    signals: Signals,
+    signals: TrainingSignals,
     *,
     tied: bool = True,
     integrator: Integrator = "propagator",
-) -> Iterator[Learned]:
+) -> Iterator[LearnedModel]:
     """Learn each order in turn: the paper's figures of error against order, one at a time.
 
     Up to ten orders share one compilation: for each by itself it takes longer than to learn it.
@@ -171,18 +181,18 @@ def sweep_orders(
 
 def choose_order(
     lom: StateSpace,
-    signals: Signals,
+    signals: TrainingSignals,
     *,
     tolerance: float,
     sensitivity_tolerance: float = 0.01,
     orders: Sequence[int] = (2, 4, 6, 8, 10, 12, 15, 20, 25, 30),
     tied: bool = True,
     integrator: Integrator = "propagator",
-    on_try: Callable[[Learned], None] = lambda learned: None,
-) -> Learned:
+    on_try: Callable[[LearnedModel], None] = lambda learned: None,
+) -> LearnedModel:
     """The smallest order whose errors do not matter, or the best one tried.
 
-    Arguments:
+    Args:
         tolerance: largest error of u over the learning signals, dimensionless; a tenth of the
             smallest noise is a good one.
         sensitivity_tolerance: largest error of theta over the largest theta.
@@ -190,7 +200,7 @@ def choose_order(
         on_try: told of each order, for a progress display.
     """
     largest = float(jnp.max(jnp.abs(courses(lom.modal(), signals, integrator)[1])))
-    best: Learned | None = None
+    best: LearnedModel | None = None
     within = [order for order in orders if order <= lom.order]
     for learned in sweep_orders(lom, within, signals, tied=tied, integrator=integrator):
         on_try(learned)

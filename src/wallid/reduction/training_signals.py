@@ -13,9 +13,9 @@ from ..case.initial_profile import dimensionless_profile, profile_degree, scales
 from ..case.time_window import STILL, HasBest, Window, as_window
 from ..models.flux_plates import conductance_of, flux_noise_std, plate_outputs
 from ..models.integration import Integrator
-from ..models.window_inputs import large_model
-from .modal_identification import Learned, choose_order, learn_system
-from .variable_projection import Signals
+from ..models.window_inputs import full_order_model
+from .modal_identification import LearnedModel, choose_order, learn_system
+from .variable_projection import TrainingSignals
 
 _MOST_ROWS = 1000  # to learn from: three days of a row a minute would take a minute
 
@@ -28,11 +28,11 @@ def learn(
     plates: bool | None = None,
     tied: bool = True,
     integrator: Integrator = "propagator",
-    on_try: Callable[[Learned], None] = lambda learned: None,
-) -> Learned:
+    on_try: Callable[[LearnedModel], None] = lambda learned: None,
+) -> LearnedModel:
     """A reduced model for a window of a case, of the case's order or another.
 
-    Arguments:
+    Args:
         order: None for the case's; "auto" for the smallest whose error is under a tenth of the
             smallest noise and whose sensitivity is within 1 %.
         plates: whether the faces' fluxes are outputs too, after the sensors; None for where there is no sensor. A flux
@@ -47,7 +47,7 @@ def learn(
     window = as_window(window)
     order = case.choices.order if order is None else order
     outputs = plate_outputs(case) if plates or (plates is None and not case.sensors) else []
-    lom, signals = large_model(case, outputs), learning_signals(case, window)
+    lom, signals = full_order_model(case, outputs), training_signals(case, window)
     if order == "auto":
         noise = [sensor.noise_std for sensor in case.sensors]
         noise += [flux_noise_std(case) / conductance_of(case)] if outputs else []
@@ -56,7 +56,7 @@ def learn(
     return learn_system(lom, order, signals, tied=tied, integrator=integrator)
 
 
-def learning_signals(case: Case, window: Window) -> Signals:
+def training_signals(case: Case, window: Window) -> TrainingSignals:
     """What the reduced model of a window learns from.
 
     The case's own learning signals where it lists some. Otherwise, at each learning diffusivity:
@@ -92,7 +92,7 @@ def learning_signals(case: Case, window: Window) -> Signals:
             "record: neither face moves in this window, so a reduced model has nothing to learn from; "
             'take another window, or [choices] model = "lom"'
         )
-    return Signals(
+    return TrainingSignals(
         fourier=np.array([scale.fourier(alpha) for alpha, _, _ in runs]),
         step=step / scale.time,
         inputs=np.stack([faces for _, faces, _ in runs]),

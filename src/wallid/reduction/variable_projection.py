@@ -33,10 +33,10 @@ _STEADY = 1e-8  # relative: a profile column is a steady state of the large mode
 _ENOUGH_ROWS = 400  # of a signal in the functional: rows between them say the same again
 
 
-class Signals(eqx.Module):
+class TrainingSignals(eqx.Module):
     """What a reduced model learns from: a set of runs of the large model.
 
-    Arguments:
+    Args:
         fourier: one Fo per signal.
         step: the common step of the rows, in t_ref.
         inputs: the inputs of each signal.
@@ -52,7 +52,7 @@ class Signals(eqx.Module):
 class Modes(eqx.Module):
     """A reduced model but for H; row k belongs to mode k, so each number moves one column of the basis.
 
-    Arguments:
+    Args:
         log_poles: `ln(-f)`, the slowest first.
         b: `-G/f`, where a mode sits in a steady state of each input.
         profile: the columns of P that are no steady states.
@@ -76,7 +76,7 @@ class Modes(eqx.Module):
 class Setting(eqx.Module):
     """What stays the same while learning.
 
-    Arguments:
+    Args:
         static_gain: S, of the large model.
         steady_inputs: in whose steady state each profile column is; zero columns for those that are in none.
         weight: of u and of theta, by signal.
@@ -87,7 +87,7 @@ class Setting(eqx.Module):
         counts: 1 for a mode of the model, 0 for one that only fills the shape.
     """
 
-    signals: Signals
+    signals: TrainingSignals
     static_gain: Float[Array, "output input"]
     steady_inputs: Float[Array, "input param"]
     weight: Float[Array, "kind signal"]
@@ -104,7 +104,7 @@ class Setting(eqx.Module):
 
 
 @eqx.filter_jit
-def courses(system: StateSpace, signals: Signals, integrator: Integrator) -> tuple[Array, Array]:
+def courses(system: StateSpace, signals: TrainingSignals, integrator: Integrator) -> tuple[Array, Array]:
     """A model's u and theta in each signal, `(signal, time, output)`."""
 
     def run(fo: Array, q: Array, a: Array) -> tuple[Array, Array | None]:
@@ -117,7 +117,7 @@ def courses(system: StateSpace, signals: Signals, integrator: Integrator) -> tup
 
 def setting_of(
     lom: StateSpace,
-    signals: Signals,
+    signals: TrainingSignals,
     reference: tuple[Array, Array],
     tied: bool,
     integrator: Integrator,
@@ -126,7 +126,7 @@ def setting_of(
 ) -> Setting:
     """What learning from these signals needs.
 
-    Arguments:
+    Args:
         reference: the large model's courses of u and theta.
         order, shape: how many modes are learned, in arrays of how many.
 

@@ -12,11 +12,11 @@ from .._internal.units import DAY
 from .figures import shaded
 
 if TYPE_CHECKING:
-    from ..discrepancy.findings import Explanation
-    from ..estimation.many_windows import Pooled
-    from ..estimation.prediction import Reliability
+    from ..discrepancy.findings import Diagnosis
+    from ..estimation.many_windows import CampaignEstimate
+    from ..estimation.prediction import Prediction
     from ..estimation.result_objects import Estimate
-    from ..experiment_design.sensor_placement import Places
+    from ..experiment_design.sensor_placement import SensorPlacement
     from ..experiment_design.window_selection import Design
     from ..workflow import Run
 
@@ -64,14 +64,14 @@ def _design(run: Run, found: Design) -> str:
     )
 
 
-def _places(run: Run, found: Places) -> str:
+def _places(run: Run, found: SensorPlacement) -> str:
     return (
         f"Expected standard error with one more sensor at each of {len(found.places)} places, least at "
         f"{found.best:.3g} m from the left face, and at other sampling steps."
     )
 
 
-def _campaign(run: Run, found: Pooled) -> str:
+def _campaign(run: Run, found: CampaignEstimate) -> str:
     through = "" if found.thermal is None else f" and {found.thermal.resistance.value:.3g} m2 K/W"
     return (
         f"Intervals of {len(found.windows)} windows, {len(found.used)} of them informative; all together "
@@ -112,7 +112,7 @@ def _orders(run: Run) -> str:
     return f"Largest errors of reduced models over their learning signals, dimensionless, by order. {errors}."
 
 
-def _loads(run: Run, found: Reliability) -> str:
+def _loads(run: Run, found: Prediction) -> str:
     if (loads := found.loads) is None:
         return ""
     return (
@@ -132,7 +132,7 @@ def _flux(run: Run, fit: Estimate) -> str:
     )
 
 
-def _reliability(run: Run, found: Reliability) -> str:
+def _reliability(run: Run, found: Prediction) -> str:
     sizes = [found.sizes(s) for s in range(len(found.names))]
     told = ", ".join(
         f"{name} {after:.2g} K ({before:.2g} K with the prior)"
@@ -144,12 +144,12 @@ def _reliability(run: Run, found: Reliability) -> str:
     )
 
 
-def _refused(found: Explanation) -> str:
+def _refused(found: Diagnosis) -> str:
     """What the later model is, where it may not stand."""
     return " The nearest known effect is shown although it was refused." if found.effects and found.incomplete else ""
 
 
-def _missing(run: Run, found: Explanation) -> str:
+def _missing(run: Run, found: Diagnosis) -> str:
     first = found.table[0] if found.table else None
     most = f"; {first.label} explains most by itself" if first else ""
     return (
@@ -158,7 +158,7 @@ def _missing(run: Run, found: Explanation) -> str:
     )
 
 
-def _residuals(run: Run, found: Explanation) -> str:
+def _residuals(run: Run, found: Diagnosis) -> str:
     before, after = found.left_before.by_sensor, found.left_after.by_sensor
     if not found.after.active:
         sizes = ", ".join(f"{name} {size:.2g} K" for name, size in before.items())
@@ -171,22 +171,22 @@ def _residuals(run: Run, found: Explanation) -> str:
 
 
 def _residuals_caption(run: Run) -> str:
-    models = "models leave" if run.explanation is not None and run.explanation.after.active else "plain model leaves"
+    models = "models leave" if run.diagnosis is not None and run.diagnosis.after.active else "plain model leaves"
     return f"What the {models}, by sensor and time, and by sensor and hour of the day."
 
 
 def _missing_caption(run: Run) -> str:
     shrinks = (
         "How far the gap between model and readings is from the noise floor"
-        if run.explanation is None or not run.explanation.after.active
+        if run.diagnosis is None or not run.diagnosis.after.active
         else "How the gap between model and readings shrinks with each effect towards the noise floor"
     )
-    refused = "" if run.explanation is None else _refused(run.explanation)
+    refused = "" if run.diagnosis is None else _refused(run.diagnosis)
     return f"{shrinks}, and what each effect of the library would explain beside the plain model.{refused}"
 
 
 def _windows_caption(run: Run) -> str:
-    refused = "" if run.explanation is None else _refused(run.explanation)
+    refused = "" if run.diagnosis is None else _refused(run.diagnosis)
     return f"The size of what was found, quarter by quarter of the record: a true effect is the same in each.{refused}"
 
 

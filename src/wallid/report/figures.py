@@ -14,15 +14,15 @@ from matplotlib.figure import Figure
 from .. import plot
 from ..case.time_window import Window, diagnosed, whole
 from ..discrepancy.effect_fit import Fit
-from ..discrepancy.findings import Explanation
-from ..discrepancy.residual_tests import Remainder
+from ..discrepancy.findings import Diagnosis
+from ..discrepancy.residual_tests import ResidualTests
 from ..estimation.diffusivity import theta_kelvin
 from ..models.flux_plates import plate_outputs
-from ..models.window_inputs import large_model
+from ..models.window_inputs import full_order_model
 from ..plot.legends import shared_legend
 
 if TYPE_CHECKING:
-    from ..estimation.many_windows import Pooled
+    from ..estimation.many_windows import CampaignEstimate
     from ..workflow import Run
 
 STEMS = (
@@ -55,7 +55,7 @@ _NARROW = 4.0  # inches
 def encode(made: Figure, kind: str, *, salt: str, facecolor: str = "auto", most_points: int = _MOST_POINTS) -> bytes:
     """A figure as a file, the same bytes each time; of a drawing, what would be too many strokes is held as pixels.
 
-    Arguments:
+    Args:
         kind: "png", "svg" or "pdf".
         salt: of the names within an SVG.
         facecolor: of the ground.
@@ -109,13 +109,13 @@ def of_stages(run: Run) -> Iterator[tuple[str, Figure]]:
             yield "estimate", _estimate_figure(run) if run.case.sensors else _convergence_figure(run)
         if run.fit is not None and run.fit.thermal is not None:
             yield "flux", _flux_figure(run)
-        if run.reliability is not None:
+        if run.prediction is not None:
             yield "reliability", _reliability_figure(run)
             yield "uncertainty", _uncertainty_figure(run)
-        if run.reliability is not None and run.reliability.loads is not None:
+        if run.prediction is not None and run.prediction.loads is not None:
             made, axes = plot.figure(1, 2, height=2.8)
-            plot.flux(axes[0], run.reliability.days, run.reliability.loads)
-            plot.loads(axes[1], run.reliability.loads)
+            plot.flux(axes[0], run.prediction.days, run.prediction.loads)
+            plot.loads(axes[1], run.prediction.loads)
             yield "loads", made
 
 
@@ -136,7 +136,7 @@ def shaded(run: Run) -> Window | None:
         return run.fit.window
     if run.design is not None:
         return run.design.best
-    if run.explanation is not None and run.case.choices.diagnose_days is not None:
+    if run.diagnosis is not None and run.case.choices.diagnose_days is not None:
         return diagnosed(run.case)
     return None
 
@@ -156,7 +156,7 @@ def _design_figure(run: Run) -> Figure:
     shown = (sensors > 0) + (len(plates) > 0)
     made, axes = plot.figure(shown + (1 if run.lengths is None else 2), height=2.4)
     window = whole(run.case)
-    moved = theta_kelvin(large_model(run.case, plates), run.case, window, run.design.diffusivities[0])
+    moved = theta_kelvin(full_order_model(run.case, plates), run.case, window, run.design.diffusivities[0])
     days = run.case.record.days[window.part]
     if sensors:
         plot.theta(axes[0], run.case, days, moved[:, :sensors])
@@ -172,14 +172,14 @@ def _estimate_figure(run: Run) -> Figure:
     assert run.fit is not None
     made, axes = plot.figure(2, 2, width=9.0, height=2.8)
     plot.convergence(axes[0, 0], axes[0, 1], run.fit)
-    theta = theta_kelvin(large_model(run.case), run.case, run.fit.window, run.fit.value)
+    theta = theta_kelvin(full_order_model(run.case), run.case, run.fit.window, run.fit.value)
     plot.measured_against_simulated(axes[1, 0], run.case, run.fit, theta, legend=False)
     plot.residual(axes[1, 1], run.case, run.fit, theta, legend=False)
     shared_legend(made, axes[1, 0])
     return made
 
 
-def _campaign_figure(found: Pooled) -> Figure:
+def _campaign_figure(found: CampaignEstimate) -> Figure:
     """Every window's diffusivity, and its resistance beside it where fluxes told any."""
     height = 1.6 + 0.22 * min(len(found.windows), 40)
     if found.thermal is None:
@@ -215,7 +215,7 @@ def _flux_figure(run: Run) -> Figure:
 
 
 def _reliability_figure(run: Run) -> Figure:
-    found = run.reliability
+    found = run.prediction
     assert found is not None
     made, axes = plot.figure(len(found.names), 2, width=9.0, height=2.4)
     for s, row in enumerate(np.atleast_2d(axes)):
@@ -225,14 +225,14 @@ def _reliability_figure(run: Run) -> Figure:
 
 
 def _uncertainty_figure(run: Run) -> Figure:
-    assert run.reliability is not None and run.fit is not None
+    assert run.prediction is not None and run.fit is not None
     made, axes = plot.figure(1, 2, height=2.8)
-    plot.uncertainty(axes[0], run.reliability)
+    plot.uncertainty(axes[0], run.prediction)
     plot.initial_profile(axes[1], run.case, run.fit.window)
     return made
 
 
-def diagnosis(explanation: Explanation) -> Iterator[tuple[str, Figure]]:
+def diagnosis(explanation: Diagnosis) -> Iterator[tuple[str, Figure]]:
     """The figures of a diagnosis, with their files' stems; one panel where nothing was added to the plain model."""
     with plot.style():
         yield "missing", _missing_figure(explanation)
@@ -249,7 +249,7 @@ def diagnosis(explanation: Explanation) -> Iterator[tuple[str, Figure]]:
         yield "periodogram", _periodogram_figure(explanation)
 
 
-def _shown(explanation: Explanation) -> list[tuple[str, Fit, Remainder]]:
+def _shown(explanation: Diagnosis) -> list[tuple[str, Fit, ResidualTests]]:
     """The models that have panels: the plain one, and the one with effects where there are any."""
     before = ("Plain model", explanation.before, explanation.left_before)
     if not explanation.after.active:
@@ -259,14 +259,14 @@ def _shown(explanation: Explanation) -> list[tuple[str, Fit, Remainder]]:
     return [before, (words, explanation.after, explanation.left_after)]
 
 
-def _missing_figure(explanation: Explanation) -> Figure:
+def _missing_figure(explanation: Diagnosis) -> Figure:
     made, axes = plot.figure(2, 1, width=8.0, height=3.2)
     plot.waterfall(axes[0], explanation)
     plot.ranked_gains(axes[1], explanation)
     return made
 
 
-def _residuals_figure(explanation: Explanation) -> Figure:
+def _residuals_figure(explanation: Diagnosis) -> Figure:
     shown = _shown(explanation)
     made, axes = plot.figure(2, len(shown), width=4.0 + 3.5 * len(shown), height=2.8)
     axes = np.reshape(axes, (2, len(shown)))
@@ -281,7 +281,7 @@ def _residuals_figure(explanation: Explanation) -> Figure:
     return made
 
 
-def _week_figure(explanation: Explanation) -> Figure:
+def _week_figure(explanation: Diagnosis) -> Figure:
     sensors = min(explanation.study.sensors, _MOST_SENSORS)
     made, axes = plot.figure(sensors, 2, width=10.0, height=2.2)
     for s, row in enumerate(np.reshape(axes, (sensors, 2))):
@@ -293,13 +293,13 @@ def _week_figure(explanation: Explanation) -> Figure:
     return made
 
 
-def _confusable_figure(explanation: Explanation) -> Figure:
+def _confusable_figure(explanation: Diagnosis) -> Figure:
     made, ax = plot.figure(width=7.6, height=6.2)
     plot.confusability(ax, explanation)
     return made
 
 
-def _windows_figure(explanation: Explanation) -> Figure:
+def _windows_figure(explanation: Diagnosis) -> Figure:
     count = len(explanation.effects)
     made, axes = plot.figure(count, 1, height=2.6)
     for ax, named in zip(np.ravel(axes), explanation.effects, strict=True):
@@ -307,7 +307,7 @@ def _windows_figure(explanation: Explanation) -> Figure:
     return made
 
 
-def _periodogram_figure(explanation: Explanation) -> Figure:
+def _periodogram_figure(explanation: Diagnosis) -> Figure:
     shown = _shown(explanation)
     made, axes = plot.figure(1, len(shown), width=2.0 + 3.2 * len(shown), height=3.0)
     for ax, (title, fit, _) in zip(np.ravel(axes), shown, strict=True):

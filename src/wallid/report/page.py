@@ -43,7 +43,7 @@ _BADGES = {
 class Picture:
     """A figure as the page holds it.
 
-    Arguments:
+    Args:
         stem: of its file. source: a data URI. alt: what it shows, in words. caption: how to read it.
         width: in inches, at which its letters are as large as the page's.
         narrow: what a small screen shows instead; empty where that is the same.
@@ -60,7 +60,7 @@ class Picture:
 def page(run: Run, result: dict[str, Any], figures: Sequence[Drawn], command: str = "") -> str:
     """The page of a run.
 
-    Arguments:
+    Args:
         result: the contents of result.json.
         figures: drawn.
         command: that makes the page again; empty where there was none.
@@ -68,8 +68,8 @@ def page(run: Run, result: dict[str, Any], figures: Sequence[Drawn], command: st
     return _template().render(
         run=run,
         case=run.case,
-        explanation=run.explanation,
-        ranked=() if run.explanation is None else run.explanation.table,
+        explanation=run.diagnosis,
+        ranked=() if run.diagnosis is None else run.diagnosis.table,
         result=result,
         verdict=result["verdict"],
         badge=_badge(run, result),
@@ -88,7 +88,7 @@ def page(run: Run, result: dict[str, Any], figures: Sequence[Drawn], command: st
 def linked(text: str, links: dict[str, str]) -> str:
     """A page with links at its top to the pages that lie beside it.
 
-    Arguments:
+    Args:
         links: what each file shows, by its name.
     """
     shown = "; ".join(f'{escape(words)}: <a href="{name}">{name}</a>' for name, words in links.items())
@@ -98,7 +98,7 @@ def linked(text: str, links: dict[str, str]) -> str:
 def _badge(run: Run, result: dict[str, Any]) -> str:
     if run.check is not None:
         return "check: a run would stop" if run.check.stops else "check: a run can go ahead"
-    if run.fit is None and run.campaign is None and run.explanation is None and not run.unreliable:
+    if run.fit is None and run.campaign is None and run.diagnosis is None and not run.unreliable:
         return "design"
     verdict = result["verdict"]
     return _BADGES[None] if verdict is None else f"{verdict}: {_BADGES[verdict]}"
@@ -120,8 +120,8 @@ def _answer(run: Run, result: dict[str, Any]) -> str:
     if run.check is not None:
         told = [*(f"A run would stop: {stop}" for stop in run.check.stops), *run.check.notes]
         return ". ".join(told or ["Nothing would stop a run"]) + "."
-    if run.explanation is not None:
-        return run.explanation.sentence
+    if run.diagnosis is not None:
+        return run.diagnosis.sentence
     if run.unreliable:
         return f"This record gives no number to rely on: {run.unreliable}."
     if run.campaign is not None:
@@ -172,9 +172,9 @@ def _fits_fluxes(result: dict[str, Any]) -> str:
 
 def _untestable(run: Run) -> dict[str, str]:
     """What each effect that could not be tried would need."""
-    if run.explanation is None:
+    if run.diagnosis is None:
         return {}
-    study = run.explanation.study
+    study = run.diagnosis.study
     return {name: ", ".join(needs) for name, needs in untestable(study.sensors, study.record.regressors).items()}
 
 

@@ -11,14 +11,14 @@ from ..case.initial_profile import scales
 from ..case.record_check import describe
 from ..case.time_window import diagnosed
 from ..discrepancy.result_entries import evidence
-from ..estimation.heat_flux import Thermal
-from ..estimation.many_windows import Pooled
-from ..estimation.pooled_mean import Mean
+from ..estimation.heat_flux import ThermalProperties
+from ..estimation.many_windows import CampaignEstimate
+from ..estimation.pooled_mean import PooledMean
 from ..estimation.result_objects import Estimate
 from ..inference.identifiability import COLLINEAR
 from ..inference.quantity import Quantity
 from ..models.flux_plates import flux_noise_std
-from ..reduction.modal_identification import Learned
+from ..reduction.modal_identification import LearnedModel
 from ..workflow import Run
 
 SCHEMA = 1
@@ -53,10 +53,10 @@ def result(run: Run) -> dict[str, Any]:
         }
     if run.orders:
         found["orders"] = [_errors(learned) for learned in run.orders]
-    if run.reliability is not None:
+    if run.prediction is not None:
         found["reliability"] = _reliability(run)
-    if run.explanation is not None:
-        found |= run.explanation.result() | evidence(run.explanation)
+    if run.diagnosis is not None:
+        found |= run.diagnosis.result() | evidence(run.diagnosis)
     found["record"] = describe(run.case.record)
     if run.check is not None:
         found["stops"], found["notes"] = list(run.check.stops), list(run.check.notes)
@@ -73,7 +73,7 @@ def _window(run: Run) -> dict[str, Any] | None:
         window = run.design.best
     elif run.campaign is not None:
         window = run.campaign.span
-    elif run.explanation is not None:
+    elif run.diagnosis is not None:
         window = diagnosed(run.case)
     else:
         return None
@@ -176,7 +176,7 @@ def _interval(fit: Estimate) -> dict[str, Any]:
     }
 
 
-def _thermal(told: Thermal) -> dict[str, Any]:
+def _thermal(told: ThermalProperties) -> dict[str, Any]:
     """What the fluxes told, and the average method beside it."""
     names = ("conductivity", "heat_capacity", "resistance", "areal_heat_capacity", "transmittance")
     found: dict[str, Any] = {name: getattr(told, name).result() for name in names}
@@ -207,7 +207,7 @@ def _thermal(told: Thermal) -> dict[str, Any]:
     return found
 
 
-def _campaign(pooled: Pooled) -> dict[str, Any]:
+def _campaign(pooled: CampaignEstimate) -> dict[str, Any]:
     """Every window's estimate, and whether they agree."""
     found: dict[str, Any] = {"informative": len(pooled.used)} | _agreement(pooled.mean)
     if pooled.conduction is not None:
@@ -215,7 +215,7 @@ def _campaign(pooled: Pooled) -> dict[str, Any]:
     return found | {"each": [_one_window(pooled, k) for k in range(len(pooled.windows))]}
 
 
-def _agreement(mean: Mean | None) -> dict[str, Any]:
+def _agreement(mean: PooledMean | None) -> dict[str, Any]:
     """Of a mean of the windows."""
     return {
         "chi_square": None if mean is None else mean.chi_square,
@@ -225,7 +225,7 @@ def _agreement(mean: Mean | None) -> dict[str, Any]:
     }
 
 
-def _one_window(pooled: Pooled, k: int) -> dict[str, Any]:
+def _one_window(pooled: CampaignEstimate, k: int) -> dict[str, Any]:
     """A window's own estimate."""
     fit = pooled.fits[k]
     through = None if fit is None or fit.thermal is None else fit.thermal.resistance.result()
@@ -275,7 +275,7 @@ def _design(run: Run) -> dict[str, Any]:
     return found
 
 
-def _errors(learned: Learned) -> dict[str, Any]:
+def _errors(learned: LearnedModel) -> dict[str, Any]:
     """What a reduced model errs by over its learning signals, dimensionless."""
     found: dict[str, Any] = {"order": learned.system.order}
     for name, errors in (("eps_inf", learned.eps_inf), ("eps_2", learned.eps_2)):
@@ -285,7 +285,7 @@ def _errors(learned: Learned) -> dict[str, Any]:
 
 def _reliability(run: Run) -> dict[str, Any]:
     """How far the whole record is from the prediction, sensor by sensor, and the loads."""
-    found = run.reliability
+    found = run.prediction
     assert found is not None
     per_sensor = {
         name: dict(zip(("rms_prior_K", "rms_K", "sigma_K"), found.sizes(s), strict=True))
@@ -306,7 +306,7 @@ def _reliability(run: Run) -> dict[str, Any]:
     }
 
 
-def _diffusivity(found: Estimate | Pooled) -> dict[str, Any]:
+def _diffusivity(found: Estimate | CampaignEstimate) -> dict[str, Any]:
     return Quantity(found.value, found.std, found.interval_95, "m2/s").result()
 
 

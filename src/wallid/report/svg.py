@@ -28,7 +28,7 @@ Rendered = tuple[dict[str, bytes], str]
 class Drawn:
     """A figure, and what was drawn of it.
 
-    Arguments:
+    Args:
         stem: of its files. files: their contents, by format. source: a data URI, for the page.
     """
 

@@ -97,7 +97,7 @@ _SHARED = ("resistance", "resistance_without_stored_heat", "std", "interval_95",
 class Table:
     """A table of numbers.
 
-    Arguments:
+    Args:
         title: what it is of.
         head: of its columns.
         rows: cells, the first of each names the row.
@@ -237,7 +237,7 @@ def _plain(value: Any) -> bool:
 def words(key: str, part: str = "") -> str:
     """A key of result.json in words, its unit at the end in parentheses.
 
-    Arguments:
+    Args:
         part: the key that it stands under.
     """
     if part == "effects" and key == "parameters":

@@ -46,7 +46,7 @@ def parse_formats(text: str) -> tuple[str, ...]:
 def write(run: Run, out: str | Path, command: str = "", formats: Sequence[str] = ("png",)) -> list[Path]:
     """Write result.json, report.html, the figures and the reduced model into a folder: all of them, or none.
 
-    Arguments:
+    Args:
         command: that makes them again, for the report.
         formats: of the figures' files, among `FORMATS`.
 
@@ -148,7 +148,7 @@ def _fill(run: Run, folder: Path, command: str, formats: Sequence[str]) -> list[
     from .page import page
     from .svg import draw
 
-    figures = [*of_stages(run), *(diagnosis(run.explanation) if run.explanation is not None else ())]
+    figures = [*of_stages(run), *(diagnosis(run.diagnosis) if run.diagnosis is not None else ())]
     names, drawn = [], [draw(stem, figure, formats) for stem, figure in figures]
     for one in drawn:
         for kind, content in one.files.items():

@@ -3,7 +3,7 @@
 from ...case.wall_and_sensors import SIDES
 from .base import AbstractEffect, Parameter
 from .catalogue import LIBRARY, library, untestable
-from .equation_terms import Campaign, Step, Terms, Wetting
+from .equation_terms import ForcingData, Step, Terms, Wetting
 from .faces import FaceDepth, FaceLag, FaceOffset, SolarGain, SurfaceFilm
 from .heat_sources import (
     AIRS,
@@ -36,13 +36,13 @@ __all__ = [
     "SIDES",
     "AbstractEffect",
     "AirFlow",
-    "Campaign",
     "ClockShift",
     "ContactResistance",
     "DiffusivityDrift",
     "FaceDepth",
     "FaceLag",
     "FaceOffset",
+    "ForcingData",
     "HeatedSource",
     "HourlySource",
     "LateralLoss",

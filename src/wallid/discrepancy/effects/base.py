@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..._internal.arrays import on_device
-from .equation_terms import Campaign, Terms
+from .equation_terms import ForcingData, Terms
 from .search_range import Search
 
 
@@ -20,7 +20,7 @@ from .search_range import Search
 class Parameter:
     """One parameter of an effect.
 
-    Arguments:
+    Args:
         name: as in result.json.
         unit: of `name`.
         scale: a typical size, by which the search is scaled.
@@ -69,7 +69,7 @@ class AbstractEffect(eqx.Module):
         return None
 
     @abc.abstractmethod
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
 
     def required(self) -> tuple[str, ...]:

@@ -65,7 +65,7 @@ def _every(sensors: int) -> list[AbstractEffect]:
 def library(sensors: int, logged: Collection[str]) -> tuple[AbstractEffect, ...]:
     """The effects that a record can be searched for, neutral.
 
-    Arguments:
+    Args:
         sensors: how many are inside the wall.
         logged: the record's regressors.
     """

@@ -27,12 +27,12 @@ DERIVATIVE = np.diag(np.arange(1.0, POWERS), -1)
 """`c @ DERIVATIVE` are the coefficients of the derivative by s."""
 
 
-class Campaign(eqx.Module):
+class ForcingData(eqx.Module):
     """What a wall was driven with over some rows, and where it was read.
 
     Between rows everything is a monotone cubic `sum_j c_j s^j`, s from 0 at a row to 1 at the next.
 
-    Arguments:
+    Args:
         step: from row to row, s.
         faces: coefficients of the two face readings, degC.
         irradiance: W/m2. outdoor, indoor: air, degC. heating: 1 (0 to 1). Zeros where not logged.
@@ -93,7 +93,7 @@ class Source(NamedTuple):
 class Terms(eqx.Module):
     """Everything that effects change, at its neutral value; see the module for the equation.
 
-    Arguments:
+    Args:
         faces: what the model takes for the two readings, degC.
         depth: how deep inside the wall each face's reading is, m.
         film: conductivity over film coefficient at each face, m.
@@ -129,7 +129,7 @@ class Terms(eqx.Module):
     rate: Float[Array, " sensor"]
 
     @classmethod
-    def plain(cls, campaign: Campaign) -> Terms:
+    def plain(cls, campaign: ForcingData) -> Terms:
         """The terms of a wall from which nothing is missing."""
         zero, two = jnp.zeros(()), jnp.zeros(2)
         each = jnp.zeros_like(campaign.position)

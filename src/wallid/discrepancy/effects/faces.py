@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from ..._internal.units import DAY
 from ...case.wall_and_sensors import SIDES, Side
 from .base import AbstractEffect, Parameter, not_below, number
-from .equation_terms import CONSTANT, DERIVATIVE, Campaign, Terms
+from .equation_terms import CONSTANT, DERIVATIVE, ForcingData, Terms
 
 
 class _OneFace(AbstractEffect):
@@ -38,7 +38,7 @@ class FaceOffset(_OneFace):
     side: Side = eqx.field(static=True, default="left")
     offset: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(faces=-self.offset * (CONSTANT[:, None] * self._here))
 
@@ -51,7 +51,7 @@ class FaceLag(_OneFace):
     side: Side = eqx.field(static=True, default="left")
     time_constant: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         reading = campaign.faces[:, :, SIDES.index(self.side)]
         slope = reading @ DERIVATIVE / campaign.step
@@ -66,7 +66,7 @@ class FaceDepth(_OneFace):
     side: Side = eqx.field(static=True, default="left")
     depth: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(depth=not_below(self.depth, 0.0) * self._here)
 
@@ -84,7 +84,7 @@ class SolarGain(_OneFace):
     side: Side = eqx.field(static=True, default="left")
     gain: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(faces=self.gain * campaign.irradiance[:, :, None] * self._here)
 
@@ -97,6 +97,6 @@ class SurfaceFilm(_OneFace):
     side: Side = eqx.field(static=True, default="left")
     film_length: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(film=not_below(self.film_length, 0.0) * self._here)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .base import AbstractEffect, Parameter, not_below, number
-from .equation_terms import CONSTANT, Campaign, Source, Terms
+from .equation_terms import CONSTANT, ForcingData, Source, Terms
 from .search_range import Search
 
 Air = Literal["outdoor", "indoor"]
@@ -53,11 +53,11 @@ _PLACE = Parameter("place", "m", 0.02)
 _HOURS = (Parameter("start", "h", 1.0), Parameter("end", "h", 1.0))
 
 
-def _constant(campaign: Campaign) -> Array:
+def _constant(campaign: ForcingData) -> Array:
     return jnp.ones((campaign.intervals, 1)) * CONSTANT
 
 
-def hours_course(campaign: Campaign, start: Array, end: Array) -> Array:
+def hours_course(campaign: ForcingData, start: Array, end: Array) -> Array:
     """The share of each interval between rows that lies within these hours of the day."""
     width = campaign.step / 3600.0
     total = jnp.zeros(campaign.intervals)
@@ -75,7 +75,7 @@ class UniformSource(_HeatSource):
     parameters: ClassVar = (_RATE,)
     rate: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(sources=(Source(self.rate, None, _constant(campaign)),))
 
@@ -93,7 +93,7 @@ class PlacedSource(_HeatSource):
         """Which form."""
         return "placed"
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(sources=(Source(self.rate, self.place, _constant(campaign)),))
 
@@ -112,7 +112,7 @@ class HourlySource(_HeatSource):
         """Which form."""
         return "hourly"
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(sources=(Source(self.rate, None, hours_course(campaign, self.start, self.end)),))
 
@@ -132,7 +132,7 @@ class PlacedHourlySource(_HeatSource):
         """Which form."""
         return "placed, hourly"
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(sources=(Source(self.rate, self.place, hours_course(campaign, self.start, self.end)),))
 
@@ -150,7 +150,7 @@ class HeatedSource(_HeatSource):
         """Which form."""
         return "with the heating"
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(sources=(Source(self.rate, None, campaign.heating),))
 
@@ -172,7 +172,7 @@ class LateralLoss(AbstractEffect):
         """That air's temperature."""
         return (f"air_{self.air}",)
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         here = np.array([float(air == self.air) for air in AIRS])
         return terms.add(loss=not_below(self.rate, 0.0) * here)
@@ -185,6 +185,6 @@ class AirFlow(AbstractEffect):
     parameters: ClassVar = (Parameter("velocity", "m/s", 5e-7, worth=3e-8, least=-1e-4, most=1e-4),)
     velocity: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(velocity=self.velocity)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from ..._internal.units import DAY
 from .base import AbstractEffect, Parameter, not_below, number
-from .equation_terms import Campaign, Step, Terms, Wetting
+from .equation_terms import ForcingData, Step, Terms, Wetting
 from .search_range import Search
 
 LATENT_WIDTH = 0.5
@@ -44,7 +44,7 @@ class LayeredConductivity(_Placed):
     log_ratio: Float[Array, ""] = number()
     interface: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(conductivity_steps=(Step(self.log_ratio, self.interface),))
 
@@ -57,7 +57,7 @@ class LayeredCapacity(_Placed):
     log_ratio: Float[Array, ""] = number()
     interface: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(capacity_steps=(Step(self.log_ratio, self.interface),))
 
@@ -73,7 +73,7 @@ class ContactResistance(_Placed):
     thickness: Float[Array, ""] = number()
     place: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(joints=(Step(not_below(self.thickness, 0.0), self.place),))
 
@@ -86,7 +86,7 @@ class TemperatureDependentConductivity(AbstractEffect):
     linear: ClassVar[bool] = False
     slope: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(conductivity_slope=self.slope)
 
@@ -99,7 +99,7 @@ class TemperatureDependentCapacity(AbstractEffect):
     linear: ClassVar[bool] = False
     slope: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(capacity_slope=self.slope)
 
@@ -116,7 +116,7 @@ class PhaseChange(AbstractEffect):
     area: Float[Array, ""] = number()
     temperature: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(latent=(Step(not_below(self.area, 0.0), self.temperature),))
 
@@ -144,7 +144,7 @@ class DiffusivityDrift(AbstractEffect):
     linear: ClassVar[bool] = False
     rate: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(drift=self.rate)
 
@@ -172,7 +172,7 @@ class WettingByRain(AbstractEffect):
         """The rain, and the time constant of the drying."""
         return float(self.time), float(self.time_constant)
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(wettings=(Wetting(self.jump, not_below(self.time_constant, 3600.0), self.time),))
 

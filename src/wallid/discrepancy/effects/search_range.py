@@ -13,7 +13,7 @@ from ...records.uniform_record import Record
 class Search:
     """What bounds a search for places, times and temperatures.
 
-    Arguments:
+    Args:
         length: of the wall, m.
         clear: from each face to the sensor nearest to it, m.
         places: candidates for interfaces, m, between the outermost sensors.

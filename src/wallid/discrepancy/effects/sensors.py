@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from ..._internal.units import DAY
 from .base import AbstractEffect, Parameter, not_below, number
-from .equation_terms import Campaign, Terms
+from .equation_terms import ForcingData, Terms
 
 _MM = 1e-3
 
@@ -38,7 +38,7 @@ class SensorPosition(_OneSensor):
     sensor: int = eqx.field(static=True, default=0)
     shift: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return self._add(terms, "position", self.shift)
 
@@ -51,7 +51,7 @@ class SensorLag(_OneSensor):
     sensor: int = eqx.field(static=True, default=0)
     time_constant: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return self._add(terms, "lag", not_below(self.time_constant, 0.0))
 
@@ -63,7 +63,7 @@ class ClockShift(AbstractEffect):
     parameters: ClassVar = (Parameter("delay", "s", 600.0, worth=120.0, least=-DAY, most=DAY),)
     delay: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return terms.add(delay=self.delay)
 
@@ -76,7 +76,7 @@ class SensorOffset(_OneSensor):
     sensor: int = eqx.field(static=True, default=0)
     offset: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return self._add(terms, "offset", self.offset)
 
@@ -89,7 +89,7 @@ class SensorGain(_OneSensor):
     sensor: int = eqx.field(static=True, default=0)
     gain: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return self._add(terms, "gain", self.gain)
 
@@ -102,6 +102,6 @@ class SensorDrift(_OneSensor):
     sensor: int = eqx.field(static=True, default=0)
     rate: Float[Array, ""] = number()
 
-    def extend(self, terms: Terms, campaign: Campaign) -> Terms:
+    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
         """The terms with this effect in."""
         return self._add(terms, "rate", self.rate)

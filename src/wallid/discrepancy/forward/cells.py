@@ -11,7 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..effects.equation_terms import Campaign, Step, Terms
+from ..effects.equation_terms import ForcingData, Step, Terms
 from ..effects.heat_sources import SOURCE_WIDTH
 
 _STENCIL = 4  # nodes of a reading
@@ -23,7 +23,7 @@ class Cells(eqx.Module):
     The state are the inner nodes. `q` are the inputs: the two face readings, outdoor and indoor air, then
     the sources.
 
-    Arguments:
+    Args:
         places: of all nodes, m.
         resistance: between nodes, films included, m of the wall's effective material.
         capacity: of the inner nodes, m of it.
@@ -45,7 +45,7 @@ class Cells(eqx.Module):
     course: Float[Array, "interval power input"]
 
 
-def cells(terms: Terms, campaign: Campaign) -> Cells:
+def cells(terms: Terms, campaign: ForcingData) -> Cells:
     """The wall's cells: resistances and capacities integrated over each, faces, readings and inputs.
 
     Resistances and capacities are scaled so that the wall's effective diffusivity `L^2 / (R C)` stays the
@@ -128,7 +128,7 @@ def _readings(places: Array, resistance: Array, position: Array) -> Float[Array,
     return rows.at[jnp.arange(position.shape[0])[:, None], stencil].set(jnp.stack(weights, axis=1))
 
 
-def start(wall: Cells, campaign: Campaign, profile: Float[Array, " mode"]) -> Float[Array, " node"]:
+def start(wall: Cells, campaign: ForcingData, profile: Float[Array, " mode"]) -> Float[Array, " node"]:
     """The state at the first row: a straight line between the faces and sine modes, degC."""
     ends = wall.places[jnp.array([0, -1])]
     xi = (wall.places[1:-1] - ends[0]) / (ends[1] - ends[0])
@@ -140,7 +140,7 @@ def start(wall: Cells, campaign: Campaign, profile: Float[Array, " mode"]) -> Fl
 def coefficients(wall: Cells, diffusivity: Array, capacity_factor: Array | float = 1.0) -> tuple[Array, Array, Array]:
     """`lower, diagonal, upper` of the wall's rate, over all inner nodes; the ends belong to the faces.
 
-    Arguments:
+    Args:
         diffusivity: m2/s, of the wall or of each cell.
         capacity_factor: capacity of each node over the wall's own.
     """

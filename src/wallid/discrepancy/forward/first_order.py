@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..effects.equation_terms import Campaign, Terms
+from ..effects.equation_terms import ForcingData, Terms
 from .cells import Cells, at_rows, cells, start
 from .linear_wall import Modes, modes
 from .nonlinear_wall import flow
@@ -24,7 +24,7 @@ from .sensor_readings import readings
 class Base(NamedTuple):
     """A linear wall's course on equal parts of each interval between rows: what the effects act upon.
 
-    Arguments:
+    Args:
         course: in modes. step: of a part, s.
         temperatures: at all nodes, faces included, degC.
         flux: between them, over the capacity of a metre of the wall, K m/s. conducted: what it makes of the nodes, K/s.
@@ -43,7 +43,7 @@ def first_order(
     base: Base,
     terms: Terms,
     change: Terms,
-    campaign: Campaign,
+    campaign: ForcingData,
     diffusivity: Array,
     profile: Float[Array, " mode"],
     *,
@@ -51,7 +51,7 @@ def first_order(
 ) -> Float[Array, "time sensor"]:
     """The derivative of the readings along a change of the terms, at a linear wall.
 
-    Arguments:
+    Args:
         base: the linear wall's course, on so many substeps.
         terms: its terms with the change at its neutral value, in its place.
         change: the terms' derivative along it.
@@ -87,7 +87,7 @@ def first_order(
 
 
 def base_course(
-    terms: Terms, campaign: Campaign, diffusivity: Array, profile: Float[Array, " mode"], *, substeps: int
+    terms: Terms, campaign: ForcingData, diffusivity: Array, profile: Float[Array, " mode"], *, substeps: int
 ) -> Base:
     """The course of a linear wall, for `first_order`."""
     wall, step = cells(terms, campaign), campaign.step / substeps
@@ -99,7 +99,7 @@ def base_course(
     return Base(wall, system, course, step, T, flux, jnp.diff(flux, axis=1) / wall.capacity)
 
 
-def _held(terms: Terms, campaign: Campaign, profile: Array) -> tuple[Cells, Array]:
+def _held(terms: Terms, campaign: ForcingData, profile: Array) -> tuple[Cells, Array]:
     """What does not depend on time, and the state at the first row."""
     wall = cells(terms, campaign)
     return wall, start(wall, campaign, profile)
@@ -120,7 +120,7 @@ def _any(tree: Any) -> Array:
 
 
 def _source(
-    base: Base, moved: Cells, terms: Terms, change: Terms, campaign: Campaign, diffusivity: Array
+    base: Base, moved: Cells, terms: Terms, change: Terms, campaign: ForcingData, diffusivity: Array
 ) -> Float[Array, "part node"]:
     """What a change of the cells and of their materials makes of the base's temperatures and faces, K/s::
 

@@ -27,7 +27,7 @@ class DiagonallyImplicit(diffrax.AbstractSolver):
     with `g = 1 - 1/sqrt(2)` and f the rate of heat. No heat is lost where the capacity changes fast, as while water
     freezes. Each stage is solved by Newton's method; its tangents are one tridiagonal solve more.
 
-    Arguments:
+    Args:
         parts: equal ones that a step is taken in.
 
     Source: R. Alexander, SIAM J. Numer. Anal. 14 (1977), 1006.

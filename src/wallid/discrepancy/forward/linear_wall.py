@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...models.exponential_solver import phi_functions
-from ..effects.equation_terms import Campaign
+from ..effects.equation_terms import ForcingData
 from .cells import Cells, at_rows, coefficients
 
 
@@ -82,7 +82,7 @@ def modes(wall: Cells, diffusivity: Array) -> Modes:
 
 
 def linear_course(
-    wall: Cells, campaign: Campaign, diffusivity: Array, initial: Float[Array, " node"]
+    wall: Cells, campaign: ForcingData, diffusivity: Array, initial: Float[Array, " node"]
 ) -> tuple[Float[Array, "time sensor"], Float[Array, "time sensor"]]:
     """Temperature (degC) and its rate (K/s) at the sensors, at each row, of a linear wall."""
     system = modes(wall, diffusivity)

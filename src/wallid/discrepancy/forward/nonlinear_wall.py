@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..._internal.units import DAY
-from ..effects.equation_terms import Campaign, Terms, Wetting
+from ..effects.equation_terms import ForcingData, Terms, Wetting
 from .cells import Cells, coefficients, rate
 from .heat_content import LEAST_FACTOR, Heat
 
@@ -72,7 +72,7 @@ class NonlinearWall(eqx.Module):
         return self.wall.state @ T + self.wall.face @ q[:2], self.wall.state @ warming + self.wall.face @ q_rate[:2]
 
 
-def flow(wall: Cells, terms: Terms, campaign: Campaign, diffusivity: Array) -> NonlinearWall:
+def flow(wall: Cells, terms: Terms, campaign: ForcingData, diffusivity: Array) -> NonlinearWall:
     """The rate of a wall with these terms."""
     return NonlinearWall(
         wall,

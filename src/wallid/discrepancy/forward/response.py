@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..effects.equation_terms import Campaign, Terms
+from ..effects.equation_terms import ForcingData, Terms
 from .cells import cells, start
 from .linear_wall import linear_course
 from .sensor_readings import readings
@@ -16,7 +16,7 @@ from .time_stepping import stepped_course
 
 def respond(
     terms: Terms,
-    campaign: Campaign,
+    campaign: ForcingData,
     diffusivity: Array,
     profile: Float[Array, " mode"],
     *,
@@ -25,7 +25,7 @@ def respond(
 ) -> Float[Array, "time sensor"]:
     """The inner sensors' readings with everything in `terms`, degC.
 
-    Arguments:
+    Args:
         diffusivity: m2/s; with layers or joints the wall's effective one.
         profile: amplitudes of the sine modes of the initial profile, K.
         linear: solve exactly in modes; False goes through diffrax.
@@ -41,7 +41,7 @@ def respond(
 
 
 def face_response(
-    terms: Terms, faces: Float[Array, "interval power face"], campaign: Campaign, diffusivity: Array
+    terms: Terms, faces: Float[Array, "interval power face"], campaign: ForcingData, diffusivity: Array
 ) -> Float[Array, "time sensor"]:
     """What the readings of a linear wall make of a change of its faces, K."""
     wall = cells(terms, campaign)

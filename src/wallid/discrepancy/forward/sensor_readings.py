@@ -10,11 +10,11 @@ from jaxtyping import Array, Float
 
 from ..._internal.units import DAY
 from ...models.exponential_solver import phi_functions
-from ..effects.equation_terms import Campaign, Terms
+from ..effects.equation_terms import ForcingData, Terms
 
 
 def readings(
-    terms: Terms, campaign: Campaign, value: Float[Array, "time sensor"], rate: Float[Array, "time sensor"]
+    terms: Terms, campaign: ForcingData, value: Float[Array, "time sensor"], rate: Float[Array, "time sensor"]
 ) -> Float[Array, "time sensor"]:
     """What the sensors and their logger make of the temperatures at their places, degC."""
     value, rate = _delayed(value, rate, terms.delay, campaign.step)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...models.integration import ToRows
-from ..effects.equation_terms import Campaign, Terms
+from ..effects.equation_terms import ForcingData, Terms
 from .cells import Cells
 from .implicit_solver import DiagonallyImplicit
 from .nonlinear_wall import flow
@@ -20,7 +20,7 @@ LONGEST_SUBSTEP = 1200.0
 def stepped_course(
     wall: Cells,
     terms: Terms,
-    campaign: Campaign,
+    campaign: ForcingData,
     diffusivity: Array,
     initial: Float[Array, " node"],
     *,
@@ -30,7 +30,7 @@ def stepped_course(
 ) -> tuple[Float[Array, "time sensor"], Float[Array, "time sensor"]]:
     """Temperature (degC) and its rate (K/s) at the sensors, at each row, through diffrax.
 
-    Arguments:
+    Args:
         substeps: of the implicit solver, equal steps between two rows.
         solver, controller: another of diffrax's and its steps, for comparison.
     """
