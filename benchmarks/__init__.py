@@ -1,1 +1,1 @@
-"""Benchmarks, and the independent truths that the examples and the tests are judged by."""
+"""Benchmarks of speed, accuracy and stress, and the independent references that they share with the tests."""

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import jax
 import numpy as np
-from benchmarks.twins import slab_response
+from benchmarks.reference.synthetic_twins import slab_response
 
 import wallid
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import equinox as eqx
 import numpy as np
-from benchmarks.discrepancy import truth
-from benchmarks.discrepancy.truth import Spec
+from benchmarks.reference import simulator_with_effects as truth
+from benchmarks.reference.simulator_with_effects import Spec
 
 from wallid.case.case_file import load
 from wallid.discrepancy.problem import EffectParameters, diagnosis_problem
@@ -60,8 +60,8 @@ def vector(study, diffusivity, effects=()):
 def trimmed(study, keep):
     """The study with a part of the library, which is compiled in a part of the time."""
     effects = tuple(slot.effect for slot in study.library if keep(slot.effect))
-    slots, first = [], study.library[0].first
+    slots, first = [], study.library[0].size_index
     for effect in effects:
         slots.append(EffectParameters(effect, first))
         first += len(effect.parameters)
-    return replace(study, model=eqx.tree_at(lambda m: m.effects, study.model, effects), slots=tuple(slots))
+    return replace(study, model=eqx.tree_at(lambda m: m.effects, study.model, effects), library=tuple(slots))

@@ -11,14 +11,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from benchmarks import __main__ as program
-from benchmarks.__main__ import WORKS
-from benchmarks.measure import FEWEST, AbsentError, Measured, Prepared, measuring, prepared_here
-from benchmarks.rivals.integrators import by_lsim
-from benchmarks.rivals.recurrence import compiled
-from benchmarks.table import as_markdown, seconds
-from benchmarks.works import learn, scaling, simulate
-from benchmarks.works.ratio import Asked
+from benchmarks.reference.c_recurrence import compiled
+from benchmarks.reference.integrators import by_lsim
+from benchmarks.speed import __main__ as program
+from benchmarks.speed.__main__ import WORKS
+from benchmarks.speed.measure import FEWEST, AbsentError, Measured, Prepared, measuring, prepared_here
+from benchmarks.speed.table import as_markdown, seconds
+from benchmarks.speed.works import learn, scaling, simulate
+from benchmarks.speed.works.ratio import Asked
 from rich.console import Console
 from scipy.signal import lsim
 
@@ -178,7 +178,7 @@ def test_what_computes_the_errors_is_not_counted_as_memory(monkeypatch):
     """64 MiB, and the work itself next to nothing."""
     contender = Prepared(lambda: 0.0, lambda answer: {"error": float(np.ones(2**23).min()) - 1.0})
     fake = SimpleNamespace(CONTENDERS={"one": lambda: contender}, PLAIN=("one",))
-    monkeypatch.setitem(sys.modules, "benchmarks.works.fake", fake)
+    monkeypatch.setitem(sys.modules, "benchmarks.speed.works.fake", fake)
     measure = prepared_here("fake", "one")
     memory = [measure(0.0).memory for _ in range(3)]
     assert memory == [memory[0]] * 3 and (memory[0] is None or memory[0] < 32)
@@ -215,5 +215,5 @@ def test_every_work_has_its_module():
     import importlib
 
     for work in WORKS:
-        module = importlib.import_module(f"benchmarks.works.{work}")
+        module = importlib.import_module(f"benchmarks.speed.works.{work}")
         assert module.TITLE and module.CONTENDERS and isinstance(module.asked({}), list)

@@ -6,8 +6,8 @@ from dataclasses import replace
 import jax.monitoring
 import numpy as np
 import pytest
-from benchmarks import interval
-from benchmarks.slab import temperatures, weather
+from benchmarks.accuracy import interval
+from benchmarks.reference.analytic_slab import temperatures, weather
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 import wallid
 from wallid.cli.commands import app
-from wallid.estimation.many_windows import mean_of
+from wallid.estimation.many_windows import pooled_mean
 
 ROWS, WINDOWS = interval.ROWS, 4
 ERRORS = interval.Errors(0.03, 0.01, position=0.005)
@@ -55,7 +55,7 @@ def test_all_windows_say_more_than_one(found):
     low, high = found.interval_95
     assert found.reliable and len(found.used) == WINDOWS and low < interval.DIFFUSIVITY < high
     assert found.std < min(fit.std for fit in found.fits)
-    assert found.mean.p_value > 0.01 and found.mean.between == 0.0
+    assert found.mean.p_value > 0.01 and found.mean.between_std == 0.0
     assert sum(found.weight(k) for k in range(WINDOWS)) == pytest.approx(1.0)
     assert "the windows agree" in str(found)
 
@@ -81,7 +81,7 @@ def test_what_an_offset_makes_of_each_window_is_shared():
 def test_windows_that_disagree_are_told_apart():
     one, other = interval.DIFFUSIVITY, 1.5 * interval.DIFFUSIVITY
     found = wallid.campaign(case_of([one, one, other, other]))
-    assert found.mean.p_value < 1e-3 and found.mean.between > 0.1
+    assert found.mean.p_value < 1e-3 and found.mean.between_std > 0.1
     assert found.interval_95[0] < 1.03 * one and found.interval_95[1] > 0.97 * other
     assert "DISAGREE" in str(found)
 
@@ -111,7 +111,7 @@ def test_the_mean_is_scipys(seed, count):
     B = 0.05 * rng.standard_normal((count, 2))
     C = B @ B.T + np.diag(0.1 + 0.2 * rng.uniform(size=count)) ** 2
     y = rng.normal(0, rng.choice([0.1, 1.0]), count)
-    found = mean_of(y, C)
+    found = pooled_mean(y, C)
 
     def cost(m, V):
         return float((y - m) @ np.linalg.solve(V, y - m))
@@ -119,13 +119,13 @@ def test_the_mean_is_scipys(seed, count):
     least = minimize(lambda m: cost(m[0], C), [0.0], tol=1e-14)
     assert found.chi_square == pytest.approx(least.fun, rel=1e-6, abs=1e-9)
     assert found.p_value == pytest.approx(chi2.sf(least.fun, count - 1), rel=1e-5)
-    V = C + found.between**2 * np.eye(count)
+    V = C + found.between_std**2 * np.eye(count)
     assert cost(found.value + found.std, V) - cost(found.value, V) == pytest.approx(1.0, rel=1e-6)
     if found.p_value < 0.05:
         assert cost(found.value, V) == pytest.approx(count - 1, rel=1e-6)
         assert found.quantile > norm.ppf(0.975)
     else:
-        assert found.between == 0.0 and found.value == pytest.approx(least.x[0], abs=1e-5)
+        assert found.between_std == 0.0 and found.value == pytest.approx(least.x[0], abs=1e-5)
 
 
 def test_a_record_that_tells_nothing_and_windows_by_hand(found):
@@ -150,6 +150,15 @@ def test_all_windows_on_the_command_line(tmp_path):
     low, high = result["diffusivity"]["interval_95"]
     assert low < result["diffusivity"]["value"] < high
     assert (tmp_path / "out" / "campaign.png").exists()
-    assert "windows: one by one" in check((tmp_path / "out" / "report.html").read_text("utf-8")).text
+    assert "windows: single windows" in check((tmp_path / "out" / "report.html").read_text("utf-8")).text
     refused = CliRunner().invoke(app, [*words, "--bootstrap", "40"])
     assert refused.exit_code == 2 and "--bootstrap" in refused.stderr
+
+
+def test_a_campaign_as_text_dict_and_html(found):
+    assert found.summary() == str(found)
+    result = json.loads(json.dumps(found.to_dict()))
+    assert result["value"] == found.value and result["p_value"] == found.mean.p_value
+    assert [one["start"] for one in result["windows"]] == list(found.labels)
+    assert sum(one["weight"] for one in result["windows"]) == pytest.approx(1.0)
+    assert found._repr_html_().count("window from") == len(found.windows)

@@ -3,12 +3,15 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from refusals import refuses
 
 from wallid.case import case_file
 from wallid.case.case_definition import Case, LearningSignal
-from wallid.case.case_file import Choices, load, packaged
+from wallid.case.case_file import load, packaged
+from wallid.case.options import Choices
+from wallid.case.wall_and_sensors import Sensor, Wall
 
 WALL_PART = """
 [wall]
@@ -208,7 +211,7 @@ def test_a_window_as_long_as_the_record(loads, folder):
         {"time": 30 * rows, "T_left": 0.0 * rows, "T_right": 0.0 * rows, "sun": 0.0 * rows},
     )
     case = loads(FLUX, extra="[choices]\nwindow_days = 1.0")()
-    assert case.record.rows_per(1.0) == 2880
+    assert case.record.rows_in_days(1.0) == 2880
 
 
 def test_what_a_person_sees(loads):
@@ -550,6 +553,94 @@ def test_choices_take_arrays():
     assert choices == Choices(learning_diffusivities=(1e-7, 1e-6), order=5)
 
 
+# --------------------------------------------------------------------------------- from a DataFrame
+
+ROLES = {"left": "T_left", "right": "T_right", "time": "time", "regressors": {"irradiance": "sun"}}
+SENSORS = (Sensor("T1", 0.05, position_std=0.002, noise_std=0.05), Sensor("T2", 0.3, noise_std=0.04))
+
+
+def test_a_dataframe_and_its_file_give_the_same_case(loads, folder):
+    noise = "boundary_noise_std = 0.2\nface_position_std = 0.001\nlongest_gap = 2.0\n"
+    text = (folder / "record.csv").read_text("utf-8").replace("8,16,", ",16,", 1).replace("\n3600,", "\n3700,")
+    (folder / "record.csv").write_text(text, "utf-8")
+    case = loads(TOML, ("[[sensor]]", f"{noise}[[sensor]]"))()
+    data = pd.read_csv(folder / "record.csv")
+    options = {"boundary_noise_std": 0.2, "face_position_std": 0.001, "longest_gap": 2.0, "window_days": 1.0}
+    same = Case.from_dataframe(data, wall=case.wall, sensors=SENSORS, **ROLES, **options)
+    assert (same.wall, same.sensors, same.choices) == (case.wall, case.sensors, case.choices)
+    for field in fields(case.record):
+        one, other = getattr(case.record, field.name), getattr(same.record, field.name)
+        if field.name == "regressors":
+            np.testing.assert_array_equal(one["irradiance"], other["irradiance"])
+        elif field.name == "cleaning":
+            assert (one.steps, one.breaks) == (other.steps, other.breaks)
+        elif field.name != "file":
+            np.testing.assert_array_equal(one, other)
+    assert (same.record.file, same.name, same.path) == ("DataFrame", "DataFrame", Path("DataFrame"))
+
+
+def test_times_of_a_dataframe(folder):
+    data = pd.read_csv(folder / "record.csv")
+    few = {"left": "T_left", "right": "T_right", "length": 0.43, "diffusivity_prior": 2.8e-7, "window_days": 1.0}
+    few |= {"sensors": {"T1": 0.05}, "noise_std": 0.05}
+    seconds = Case.from_dataframe(data, time="time", **few)
+    assert seconds.sensors == (Sensor("T1", 0.05, noise_std=0.05),)
+    since = pd.to_timedelta(data["time"], unit="s")
+    for index, first in (
+        (pd.Timestamp("2020-01-01") + since, "2020-01-01T00:00:00"),
+        (pd.Timestamp("2020-01-01", tz="Europe/Berlin") + since, "2020-01-01T00:00:00+01:00"),
+        (since, 0.0),
+    ):
+        case = Case.from_dataframe(data.set_index(pd.Index(index, name="T1")), **few)
+        assert case.record.stamp(0) == first
+        np.testing.assert_array_equal(case.record.time, seconds.record.time)
+        np.testing.assert_array_equal(case.record.faces, seconds.record.faces)
+    nullable = data.convert_dtypes()
+    nullable.loc[3, "T1"] = pd.NA
+    assert np.flatnonzero(np.isnan(Case.from_dataframe(nullable, time="time", **few).record.sensors)).tolist() == [3]
+
+
+# arguments in place of valid ones, and what the message must hold
+WRONG_ARGUMENTS = {
+    "no length": ({"length": None}, "[wall]: length is missing"),
+    "text as length": ({"length": "43 cm"}, '[wall]: length = "43 cm"; it must be a finite number above 0 (m)'),
+    "wall and length": ({"wall": Wall(0.43, 2.8e-7)}, "length and diffusivity_prior must then be left out"),
+    "no noise": ({"noise_std": None}, '[[sensor]] 1 "T1": noise_std is missing'),
+    "noise and sensors": ({"sensors": SENSORS}, "each Sensor has its own"),
+    "outside the wall": ({"sensors": {"T1": 0.5}}, '[[sensor]] 1 "T1": position = 0.5 m is not inside the wall'),
+    "no such sensor": ({"sensors": {"T3": 0.3}}, 'DataFrame: no column "T3"; the columns are time, T_left'),
+    "no such face": ({"left": "T_lft"}, 'DataFrame: no column "T_lft"', 'did you mean "T_left"?'),
+    "number as column": ({"left": 1}, "[record]: left = 1; it must be a text"),
+    "twice": ({"right": "T_left"}, 'DataFrame: column "T_left" is used 2 times'),
+    "unknown regressor": ({"regressors": {"iradiance": "sun"}}, '[record]: unknown key "iradiance"; did you mean'),
+    "unknown option": ({"windows_days": 1}, '[choices]: unknown key "windows_days"; did you mean "window_days"?'),
+    "window": ({"window_days": 30}, "[choices]: window_days = 30 is longer than the record"),
+    "face noise": ({"boundary_noise_std": -1}, "[record]: boundary_noise_std = -1; it must be a finite number"),
+    "unit": ({"unit": "C"}, '[record]: unit = "C"; it must be "degC" or "degF" or "K"'),
+    "index of rows": ({"time": None}, "DataFrame: the index holds no times; state their column"),
+    "nothing measured": ({"sensors": {}}, "no [[sensor]] and no flux"),
+    "a path": ({"data": "record.csv"}, 'DataFrame: data = "record.csv"; it must be a pandas DataFrame'),
+}
+
+
+@pytest.mark.parametrize("kind", WRONG_ARGUMENTS)
+def test_a_wrong_argument(folder, kind):
+    changes, *messages = WRONG_ARGUMENTS[kind]
+    valid = {"data": pd.read_csv(folder / "record.csv"), "length": 0.43, "diffusivity_prior": 2.8e-7, "noise_std": 0.05}
+    valid |= {"sensors": {"T1": 0.05, "T2": 0.3}, "window_days": 1.0, **ROLES}
+    assert Case.from_dataframe(**valid).record.rows == 72
+    refuses(lambda: Case.from_dataframe(**{**valid, **changes}), *messages)
+
+
+def test_a_wrong_cell_of_a_dataframe(folder):
+    data = pd.read_csv(folder / "record.csv", dtype={"time": str})
+    data.loc[2, "time"] = "noon"
+    refuses(
+        lambda: Case.from_dataframe(data, length=0.43, diffusivity_prior=2.8e-7, sensors=SENSORS, **ROLES),
+        'DataFrame: line 4, column "time": found "noon"; it must be a number of seconds',
+    )
+
+
 # ---------------------------------------------------------------------------------- measured records
 
 
@@ -574,12 +665,12 @@ def test_the_london_wall(measured, tmp_path):
     case = load(tmp_path)
     assert (case.sensors, case.record.rows, case.record.step) == ((), 864, 300.0)
     assert list(case.record.regressors) == ["flux_left", "flux_right"]
-    assert case.record.rows_per(case.choices.window_days) == 864
+    assert case.record.rows_in_days(case.choices.window_days) == 864
     assert case.choices.initial_profile == 1
 
 
 def test_the_manual_shows_every_choice_with_its_default():
-    manual = (Path(__file__).parents[1] / "MANUAL.md").read_text(encoding="utf-8")
+    manual = (Path(__file__).parents[1] / "docs" / "how-to" / "case-file.md").read_text(encoding="utf-8")
     block = next(part for part in manual.split("```") if part.startswith("toml") and "[choices]" in part)
     shown = tomllib.loads(block.removeprefix("toml"))["choices"]
     defaults = {field.name: field.default for field in fields(Choices)}

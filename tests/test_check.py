@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.fuzz import plain_record, write_case
+from benchmarks.stress.fuzz import plain_record, write_case
 from refusals import refuses
 from typer.testing import CliRunner
 
 import wallid
 from wallid.case.record_check import check
-from wallid.case.time_window import Window, check_unbroken, diagnosed, whole
-from wallid.case.wizard import Answers, metres, new_case, place
+from wallid.case.time_window import Window, check_unbroken, diagnosis_window, entire_record
+from wallid.case.wizard import Answers, new_case, parse_length, parse_sensor
 from wallid.cli.commands import app
 from wallid.models.window_inputs import window_data
 from wallid.workflow import Run
@@ -55,10 +55,10 @@ def test_check_tells_counts_and_draws(command, house, tmp_path):
     ended = command("check", house("\n".join(lines)))
     assert ended.exit_code == 0, ended.stderr
     for words in (
-        'T2: 1 cell with a sign for a missing value ("Err" in line 6)',
+        'T2: 1 cell with a missing-value marker ("Err" in line 6)',
         "T2: 1 spike masked (from 85 in line 21)",
         "T_left and T_right: no reading from 2020-03-07T11:00:00 to 2020-03-07T22:00:00 (11 h)",
-        "the record is broken 1 time(s)",
+        "the record has 1 break(s)",
         "nothing would stop a run",
     ):
         assert words in ended.stdout
@@ -100,7 +100,7 @@ def test_a_record_whose_sensors_and_faces_never_meet(house):
     case = wallid.load(house("\n".join(spoilt)))
     assert check(case).stops == ()
     still = replace(case.record, faces=np.full_like(case.record.faces, 5.0))
-    assert "neither face moves" in check(replace(case, record=still)).stops[0]
+    assert "both face temperatures are constant" in check(replace(case, record=still)).stops[0]
     blind = replace(case.record, sensors=np.full_like(case.record.sensors, np.nan))
     found = check(replace(case, record=blind))
     assert "no unbroken window of 2 days holds a reading" in found.stops[0]
@@ -116,7 +116,7 @@ def test_check_of_a_bad_file_leaves_nothing(command, house, tmp_path):
 @pytest.mark.parametrize("name", ["saint_julien", "validation", "validation_high_noise"])
 def test_the_packaged_cases_are_clean(name):
     case = wallid.load(name)
-    assert case.record.cleaning.untouched and check(case).stops == ()
+    assert case.record.cleaning.unchanged and check(case).stops == ()
 
 
 # ------------------------------------------------------------------------------- broken records afterwards
@@ -124,7 +124,7 @@ def test_the_packaged_cases_are_clean(name):
 
 def test_stages_take_the_longest_part_and_say_so(house):
     case = wallid.load(house(BROKEN))
-    assert (whole(case), diagnosed(case)) == (Window(0, 60), Window(0, 60))
+    assert (entire_record(case), diagnosis_window(case)) == (Window(0, 60), Window(0, 60))
     fit = wallid.estimate(case)
     assert fit.window == Window(0, 60)
     found = wallid.predict(case, fit)
@@ -133,7 +133,7 @@ def test_stages_take_the_longest_part_and_say_so(house):
     refuses(lambda: window_data(case, Window(50, 20)), "lies across a break", "T_left and T_right", "longest_gap")
     refuses(lambda: check_unbroken(case, Window(65, 20)), "lies across a break")
     best = wallid.design(case).best
-    assert case.record.holds(best.row, best.rows)
+    assert case.record.contains_windows(best.row, best.rows)
 
 
 def test_a_window_by_hand_across_a_break(command, house, tmp_path):
@@ -203,7 +203,7 @@ def test_questions_and_answers(tmp_path):
     def ask(question, default, read):
         asked.append((question, default))
         asks = question.splitlines()[-1]
-        words = {"Length": "30 cm", "Column": default, "Which": "right", "Place": "0.1" if "T1" in asks else ""}
+        words = {"Length": "30 cm", "Column": default, "Which": "right", "Position": "0.1" if "T1" in asks else ""}
         return read(words[asks.split()[0]])
 
     case = new_case(tmp_path / "record.csv", ask=ask)
@@ -248,7 +248,7 @@ def test_a_mistyped_answer_is_asked_for_again(tmp_path, monkeypatch):
 
     (tmp_path / "record.csv").write_text(plain_record())
     said = ["40 cms", "0", "40 cm", "T_lft", "T_left", "", "out", "right", "41 cm", "10 cm", "10 cm", "0.2"]
-    monkeypatch.setattr(cli, "_asker", lambda: cli._ask)
+    monkeypatch.setattr(cli, "_is_terminal", lambda: True)
     ended = CliRunner().invoke(cli.app, ["new", str(tmp_path / "record.csv")], input="\n".join(said) + "\n")
     assert ended.exit_code == 0, ended.stderr
     case = wallid.load(tmp_path)
@@ -259,7 +259,7 @@ def test_a_mistyped_answer_is_asked_for_again(tmp_path, monkeypatch):
         'no column "T_lft"',
         '"left" or "right"',
         "not inside the wall",
-        "T1 is there",
+        "that of T1; positions must differ",
     ):
         assert wrong in ended.stderr
 
@@ -285,11 +285,15 @@ def test_units_that_show(tmp_path):
     (tmp_path / "record.csv").write_text(f"{header}\n,°C,°C,K,°C\n{rest}".replace("T1,", "T1,"))
     answers = Answers(length=0.3, left="T_left", right="T_right", sensors={"T2": 0.2})
     assert new_case(tmp_path / "record.csv", answers).sensors[0].unit is None
-    refuses(lambda: metres("--length", "430"), "--length = '430': in m?", '"430 mm"')
-    assert metres("--length", "12 m") == 12.0
-    refuses(lambda: metres("length", "wide"), "length = 'wide'; it must be a length, such as 0.43, \"43 cm\"")
-    refuses(lambda: place("T1"), "it must be NAME=POSITION")
-    assert (metres("x", "430 mm"), metres("x", "0,43"), place("a=b=2 cm")) == (0.43, 0.43, ("a=b", 0.02))
+    refuses(lambda: parse_length("--length", "430"), "--length = '430': is this in m?", '"430 mm"')
+    assert parse_length("--length", "12 m") == 12.0
+    refuses(lambda: parse_length("length", "wide"), "length = 'wide'; it must be a length, such as 0.43, \"43 cm\"")
+    refuses(lambda: parse_sensor("T1"), "it must be NAME=POSITION")
+    assert (parse_length("x", "430 mm"), parse_length("x", "0,43"), parse_sensor("a=b=2 cm")) == (
+        0.43,
+        0.43,
+        ("a=b", 0.02),
+    )
 
 
 def test_times_that_do_not_look_like_it(tmp_path):
@@ -328,13 +332,13 @@ def test_dates_that_do_not_tell(tmp_path):
 
 
 def test_long_curves_keep_their_extremes():
-    from wallid.plot.logged_record import thinned
+    from wallid.plot.logged_record import downsampled
 
     days, values = np.arange(50_000.0), np.sin(np.arange(50_000) / 900)
     values[30_001], values[1000:9000] = 7.0, np.nan
-    at, shown = thinned(days, values)
+    at, shown = downsampled(days, values)
     assert len(at) < 4000 and (np.diff(at) >= 0).all()
     assert (np.nanmax(shown), np.nanmin(shown)) == (7.0, np.nanmin(values))
     np.testing.assert_array_equal(shown, values[at.astype(int)])
     assert np.isnan(shown).any()
-    assert len(thinned(days[:100], values[:100])[0]) == 100
+    assert len(downsampled(days[:100], values[:100])[0]) == 100

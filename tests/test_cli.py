@@ -253,5 +253,5 @@ def test_with_a_window_by_hand_its_own_fit_decides():
     case = wallid.load("saint_julien")
     fit = wallid.estimate(case, wallid.Window(168, 72), wallid.full_order_model(case))
     hopeless = replace(wallid.design(case), information=np.zeros((1, 109)))
-    assert Run(case, design=hopeless).unreliable
-    assert not Run(case, design=hopeless, fit=fit).unreliable
+    assert Run(case, design=hopeless).unreliable_reason
+    assert not Run(case, design=hopeless, fit=fit).unreliable_reason

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
-from benchmarks.cases import saint_julien_case
+from benchmarks.reference.example_cases import saint_julien_case
 from browser import CHROMIUM, browser
 from pages import check, drawings
 from results import DIAGNOSIS, FIGURES, SCHEMA

@@ -1,3 +1,4 @@
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -33,14 +34,14 @@ def window_by_scipy(case, row, rows, alpha, offset=0.0):
     part = case.record.window(row, rows)
     initial = dimensionless_profile(wallid.case.fit_profile(case, row).coefficients, scale)
     inputs = (part.faces - scale.temperature_min) / scale.temperature
-    return scipy_field_and_sensitivity(system, scale.fourier(alpha), part.time / 86400.0, inputs, initial)
+    return scipy_field_and_sensitivity(system, scale.fourier_number(alpha), part.time / 86400.0, inputs, initial)
 
 
 def information_by_scipy(case, row, rows, alpha, offset_std=None):
     """The window's information on alpha from `lsim`'s theta and a full covariance matrix."""
     scale = wallid.case.scales(case)
     u, theta = window_by_scipy(case, row, rows, alpha)
-    slope = theta * scale.temperature * scale.fourier(1.0)
+    slope = theta * scale.temperature * scale.fourier_number(1.0)
     noise = np.array([sensor.noise_std for sensor in case.sensors])
     if offset_std is not None:
         # one kelvin of the second sensor's offset: it reads more, and the profile starts lower
@@ -80,8 +81,12 @@ def test_map_and_vmap_give_the_same_numbers(case):
 def test_cut_theta_is_one_run_over_the_record(case):
     found = wallid.design(case, restart=False)
     system = wallid.full_order_model(case)
-    _, theta = wallid.models.explicit(system, wallid.case.scales(case).fourier(2.8e-7), wallid.models.window_data(case))
-    slope = np.asarray(theta) * wallid.case.scales(case).temperature * wallid.case.scales(case).fourier(1.0) / 0.1
+    _, theta = wallid.models.explicit(
+        system, wallid.case.scales(case).fourier_number(2.8e-7), wallid.models.window_data(case)
+    )
+    slope = (
+        np.asarray(theta) * wallid.case.scales(case).temperature * wallid.case.scales(case).fourier_number(1.0) / 0.1
+    )
     row = int(found.starts[4])
     assert found.information[0, 4] == pytest.approx(np.sum(slope[row : row + found.rows] ** 2), rel=1e-10)
     # at the record's first window both are the same run
@@ -123,7 +128,7 @@ def test_lengths_hold_criterion_and_cost(case):
 def test_a_short_estimate_is_timed_many_times(monkeypatch, case):
     """Half a millisecond is what else a machine does in between: three runs told of that."""
     ran = []
-    monkeypatch.setattr(diffusivity, "fit_experiment", lambda *given: ran.append(given))
+    monkeypatch.setattr(diffusivity, "fit_weighted_least_squares", lambda *given: ran.append(given))
     assert 0 <= wallid.estimation.seconds_of_estimate(case, wallid.Window(0, 72), full_order_model(case)) < 0.1
     assert len(ran) == 31
 
@@ -133,7 +138,7 @@ def test_a_record_without_information_says_so(case):
     dead = replace(case, record=replace(case.record, faces=still, sensors=np.full_like(case.record.sensors, 12.0)))
     found = wallid.design(dead)
     assert not found.informative
-    assert "no window of 72 rows tells anything" in str(found)
+    assert "no window of 72 rows has information" in str(found)
 
 
 def test_the_expected_error_is_what_estimates_scatter_by(case):
@@ -174,3 +179,15 @@ def test_through_diffrax_the_same(case):
     short = replace(case, record=case.record.window(0, 24 * 6))
     one, two = (wallid.design(short, integrator=way) for way in ("propagator", "diffrax"))
     np.testing.assert_allclose(one.information, two.information, rtol=1e-10)
+
+
+def test_a_design_as_text_dict_and_html(case):
+    found = wallid.design(case)
+    assert found.summary() == str(found)
+    result = json.loads(json.dumps(found.to_dict()))
+    assert (
+        result["row"] == found.best.row
+        and result["starts"][int(np.argmax(result["relative_criterion"]))] == found.best.row
+    )
+    assert result["expected_relative_std"] == found.expected_relative_std
+    assert found.labels[0] in found._repr_html_()

@@ -8,7 +8,7 @@ import jsonschema
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from benchmarks.discrepancy.truth import Spec, write_case
+from benchmarks.reference.simulator_with_effects import Spec, write_case
 from matplotlib.text import Text
 from pages import check
 from results import DIAGNOSIS, SCHEMA
@@ -17,17 +17,17 @@ from typer.testing import CliRunner
 
 import wallid
 from wallid import plot, workflow
-from wallid._internal.number_formats import prose
+from wallid._internal.number_formats import format_text
 from wallid.cli.commands import app
-from wallid.discrepancy.findings import CHANCE
+from wallid.discrepancy.acceptance import FIRST_EFFECT_LEVEL
 from wallid.plot import missing_effects as drawn
 from wallid.plot import residuals as remainder
 from wallid.plot.house_style import contrast
 from wallid.report import figures
-from wallid.report.captions import alternative
-from wallid.report.page import page as page_of
-from wallid.report.result_json import result
-from wallid.report.svg import draw
+from wallid.report.captions import alternative_text
+from wallid.report.page import render_page as page_of
+from wallid.report.result_json import result_entries
+from wallid.report.svg import draw_figure
 from wallid.workflow import Run
 
 
@@ -46,7 +46,7 @@ def diagnosed(tmp_path_factory):
         return found[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workflow, "explain", explain)
+        patch.setattr(workflow, "diagnose", explain)
         ended = CliRunner().invoke(app, ["diagnose", str(path), "--json", "--out", str(folder / "out")])
     return path, ended, found
 
@@ -70,7 +70,7 @@ def adequate(explanation):
         explanation,
         after=explanation.before,
         effects=(),
-        left_after=replace(explanation.left_before, p_value=0.5),
+        residual_tests_after=replace(explanation.residual_tests_before, p_value=0.5),
         trials=(),
         rivals=(),
         gap=gap,
@@ -97,21 +97,21 @@ def test_the_waterfall_goes_from_the_plain_model_to_what_is_left(ax, explanation
     assert ends[-1] == pytest.approx(gap.after)
     lines = {line.get_label(): line for line in ax.lines}
     (floor,) = [line for label, line in lines.items() if label.startswith("noise alone")]
-    assert set(floor.get_ydata()) == {gap.floor}
-    assert list(lines["days held out"].get_ydata()) == [gap.held_out_before, gap.held_out_after]
+    assert set(floor.get_ydata()) == {gap.noise_floor}
+    assert list(lines["on held-out days"].get_ydata()) == [gap.held_out_before, gap.held_out_after]
 
 
 def test_effects_without_a_model_between_them_come_in_together(explanation):
     """Two effects, of which the search has fitted the first alone, or has not."""
     (one, *_) = explanation.effects
-    other = next(slot for slot in explanation.study.library if slot.effect.name == "clock_shift")
-    pair = replace(explanation, effects=(one, replace(one, slot=other)), trials=())
-    labels = [pair.study.label(named.slot.effect) for named in pair.effects]
+    other = next(slot for slot in explanation.problem.library if slot.effect.name == "clock_shift")
+    pair = replace(explanation, effects=(one, replace(one, effect_parameters=other)), trials=())
+    labels = [pair.problem.label(named.effect_parameters.effect) for named in pair.effects]
     assert drawn.waterfall_steps(pair) == [
         ("plain model", pair.gap.before),
         (" and ".join(labels), pair.gap.after),
     ]
-    alone = [trial for trial in explanation.trials if trial.fit.active == (one.slot,)]
+    alone = [trial for trial in explanation.trials if trial.fit.active == (one.effect_parameters,)]
     assert alone
     steps = drawn.waterfall_steps(replace(pair, trials=tuple(alone)))
     best = min(alone, key=lambda trial: trial.fit.cost)
@@ -120,17 +120,17 @@ def test_effects_without_a_model_between_them_come_in_together(explanation):
 
 def test_the_ranked_gains_are_those_of_the_table(ax, explanation):
     plot.ranked_gains(ax, explanation)
-    rows = [row for row in explanation.table if row.expected > 0][:12]
+    rows = [row for row in explanation.table if row.expected_gain > 0][:12]
     assert [label.get_text() for label in ax.get_yticklabels()] == [row.label for row in rows]
     points = {}
     for line in ax.lines:
-        if line.get_label() in ("in the model", "cannot be told from it", "not taken"):
+        if line.get_label() in ("in the model", "indistinguishable from it", "not selected"):
             points |= dict(zip(line.get_ydata(), line.get_xdata(), strict=True))
-    assert [points[place] for place in range(len(rows))] == [row.expected for row in rows]
+    assert [points[place] for place in range(len(rows))] == [row.expected_gain for row in rows]
 
 
 def test_the_heatmap_is_symmetric_with_ones_on_its_diagonal(ax, explanation):
-    mesh = plot.confusability(ax, explanation)
+    mesh = plot.cosine_similarity(ax, explanation)
     alike = np.asarray(mesh.get_array())
     assert len(alike) == min(12, len(explanation.table))
     np.testing.assert_allclose(np.diag(alike), 1.0)
@@ -149,7 +149,7 @@ def test_the_map_shows_the_remainder(ax, explanation):
 
 
 def test_the_mean_residual_by_hour(ax, explanation):
-    plot.hourly_residual(ax, explanation.after, explanation.left_after.by_hour, "")
+    plot.hourly_residual(ax, explanation.after, explanation.residual_tests_after.by_hour, "")
     first = explanation.after.residual_at_rows[:, 0].reshape(9, 24)  # whole days from midnight
     np.testing.assert_allclose(ax.lines[0].get_ydata(), first.mean(axis=0))
 
@@ -179,24 +179,24 @@ def test_the_periodogram_of_white_noise_keeps_to_its_band(ax, explanation):
     (band,) = ax.collections
     assert band.get_alpha() == 0.25, "a shade on white and on the dark page"
     corners = band.get_paths()[0].vertices
-    frequency, _ = remainder.periodogram(rng.normal(size=216), 3600.0)
+    frequency, _ = remainder.cumulative_power(rng.normal(size=216), 3600.0)
     lower, upper = ([f(corners[corners[:, 0] == x, 1]) for x in frequency[:-1]] for f in (np.min, np.max))
     inside = 0
     for _ in range(400):
-        _, share = remainder.periodogram(rng.normal(size=216), 3600.0)
+        _, share = remainder.cumulative_power(rng.normal(size=216), 3600.0)
         inside += bool(np.all((share[:-1] >= lower) & (share[:-1] <= upper)))
     assert inside / 400 == pytest.approx(0.95, abs=3 * np.sqrt(0.95 * 0.05 / 400))
-    frequency, share = remainder.periodogram(np.sin(2 * np.pi * np.arange(216) / 24), 3600.0)
+    frequency, share = remainder.cumulative_power(np.sin(2 * np.pi * np.arange(216) / 24), 3600.0)
     assert share[frequency < 0.99].max() < 1e-12 and share[np.argmin(np.abs(frequency - 1))] > 1 - 1e-12
 
 
 def test_the_noise_expected_is_that_of_the_covariance(explanation):
     """Rows were not binned here: the fit's own covariance, taken to frequencies, gives the same shares."""
     fit = explanation.before
-    rows, assumed = fit.study.record.rows, remainder.expected_shares(fit)
-    assert fit.study.bins.rows == 1
+    rows, assumed = fit.problem.record.rows, remainder.expected_cumulative_power(fit)
+    assert fit.problem.bins.rows == 1
     wave = np.exp(-2j * np.pi * np.outer(np.arange(1, (rows + 1) // 2), np.arange(rows)) / rows)
-    for s in range(fit.study.sensors):
+    for s in range(fit.problem.sensor_count):
         own = slice(s * rows, (s + 1) * rows)
         power = np.einsum("fi,ij,fj->f", wave, fit.noise.covariance[own, own], wave.conj()).real
         np.testing.assert_allclose(assumed[:, s], np.cumsum(power) / power.sum(), atol=0.02)
@@ -205,21 +205,21 @@ def test_the_noise_expected_is_that_of_the_covariance(explanation):
 def test_a_missing_reading_moves_no_frequency():
     values = np.random.default_rng(5).normal(20.0, 1.0, 240)
     values[30:60] = np.nan
-    frequency, share = remainder.periodogram(values, 3600.0)
+    frequency, share = remainder.cumulative_power(values, 3600.0)
     assert np.isfinite(share).all() and share[-1] == pytest.approx(1.0) and frequency[0] == pytest.approx(0.1)
-    assert np.isfinite(remainder.periodogram(np.full(240, np.nan), 3600.0)[1]).all()
+    assert np.isfinite(remainder.cumulative_power(np.full(240, np.nan), 3600.0)[1]).all()
 
 
 @pytest.fixture(scope="module")
 def unnamed(explanation):
     """The same, as if something were left."""
-    return replace(explanation, left_after=replace(explanation.left_after, p_value=1e-6))
+    return replace(explanation, residual_tests_after=replace(explanation.residual_tests_after, p_value=1e-6))
 
 
 @pytest.mark.parametrize(("found", "panels"), [("explanation", 2), ("adequate", 1), ("unnamed", 2)])
 def test_every_figure_is_drawn_with_units_on_its_axes(request, tmp_path, found, panels):
     explanation = request.getfixturevalue(found)
-    made = dict(figures.diagnosis(explanation))
+    made = dict(figures.diagnosis_figures(explanation))
     assert set(made) == {"missing", "residuals", "fit", "confusable", "periodogram"} | (
         {"windows"} if explanation.effects else set()
     ) | ({"remainder"} if found == "unnamed" else set())
@@ -239,12 +239,12 @@ def test_every_figure_is_drawn_with_units_on_its_axes(request, tmp_path, found, 
         plot.ranked_gains,
         lambda ax, found: plot.week_temperatures(ax, found, 0),
         lambda ax, found: plot.week_residuals(ax, found, 0),
-        lambda ax, found: plot.hourly_residual(ax, found.before, found.left_before.by_hour, "by hour"),
+        lambda ax, found: plot.hourly_residual(ax, found.before, found.residual_tests_before.by_hour, "by hour"),
         lambda ax, found: plot.cumulative_periodogram(ax, found.before, "periodogram"),
-        lambda ax, found: plot.smooth_remainder(ax, found.before, found.left_before),
+        lambda ax, found: plot.smooth_residual(ax, found.before, found.residual_tests_before),
         lambda ax, found: plot.size_by_window(ax, found, found.effects[0]),
         lambda ax, found: plot.residual_map(ax, found.before, plot.colour_limit(found), "map"),
-        plot.confusability,
+        plot.cosine_similarity,
     ],
 )
 def test_a_figure_of_a_diagnosis_on_plain_axes_is_complete(explanation, draw):
@@ -254,12 +254,12 @@ def test_a_figure_of_a_diagnosis_on_plain_axes_is_complete(explanation, draw):
         draw(ax, explanation)
         colours = len(figure.axes) == 2
         assert colours == (ax.get_legend() is None) and (not colours or figure.axes[1].get_ylabel())
-        check_complete(ax, legend=not colours, named=draw in (plot.waterfall, plot.confusability))
+        check_complete(ax, legend=not colours, named=draw in (plot.waterfall, plot.cosine_similarity))
         plt.close(figure)
 
 
 def test_panels_that_share_a_legend_have_none_of_their_own(explanation):
-    for stem, figure in figures.diagnosis(explanation):
+    for stem, figure in figures.diagnosis_figures(explanation):
         if stem in ("residuals", "fit", "periodogram"):
             assert len(figure.legends) == 1 and all(ax.get_legend() is None for ax in figure.axes), stem
         if stem == "residuals":
@@ -268,14 +268,16 @@ def test_panels_that_share_a_legend_have_none_of_their_own(explanation):
 
 def test_chance_is_what_the_tables_reasons_say(ax, explanation):
     plot.ranked_gains(ax, explanation)
-    (line,) = [line for line in ax.lines if line.get_label() == "chance, 3 %"]
-    assert CHANCE == 0.03 and set(line.get_xdata()) == {explanation.screen.threshold(CHANCE)}
+    (line,) = [line for line in ax.lines if line.get_label() == "threshold, 3 % false-alarm rate"]
+    assert FIRST_EFFECT_LEVEL == 0.03 and set(line.get_xdata()) == {explanation.scores.threshold(FIRST_EFFECT_LEVEL)}
 
 
 def test_a_size_has_its_unit_as_a_person_writes_it(ax, explanation):
-    slot = next(slot for slot in explanation.study.library if "m2" in slot.effect.parameters[0].unit)
+    slot = next(slot for slot in explanation.problem.library if "m2" in slot.effect.parameters[0].unit)
     size = slot.effect.parameters[0]
-    plot.size_by_window(ax, explanation, replace(explanation.effects[0], slot=slot, values={size.name: (1.0, 0.1)}))
+    plot.size_by_window(
+        ax, explanation, replace(explanation.effects[0], effect_parameters=slot, values={size.name: (1.0, 0.1)})
+    )
     assert "m²" in ax.get_ylabel() and "m2" not in ax.get_ylabel()
 
 
@@ -290,7 +292,7 @@ def test_one_window_alone_is_the_same_as_no_other(ax, explanation):
 
 def test_numbers_stand_out_on_their_cells_and_keep_their_colour(ax, explanation):
     """WCAG 2.2, 1.4.3: 4.5:1 on every cell; the dark page leaves them as they are."""
-    mesh = plot.confusability(ax, explanation)
+    mesh = plot.cosine_similarity(ax, explanation)
     alike = np.asarray(mesh.get_array())
     assert len(ax.texts) == alike.size
     for text, value in zip(ax.texts, alike.ravel(), strict=True):
@@ -304,14 +306,14 @@ def test_a_missing_reading_is_neither_warm_nor_cold(ax, explanation):
 
 
 def test_the_smooth_remainder_is_drawn_with_the_days_means(ax, unnamed):
-    fit, left = unnamed.after, unnamed.left_after
-    plot.smooth_remainder(ax, fit, left)
+    fit, left = unnamed.after, unnamed.residual_tests_after
+    plot.smooth_residual(ax, fit, left)
     lines = [line for line in ax.lines if line.get_label() in ("T1", "T2")]
     for s, line in enumerate(lines):
-        np.testing.assert_allclose(line.get_ydata(), left.smooth[:, s])
+        np.testing.assert_allclose(line.get_ydata(), left.smooth_residual[:, s])
     dots = [line for line in ax.lines if line.get_marker() == "."]
     assert len(dots) == 2 * 9
-    first = fit.residual_at_rows[: 86400 // int(fit.study.record.step), 0]
+    first = fit.residual_at_rows[: 86400 // int(fit.problem.record.step), 0]
     assert dots[0].get_ydata()[0] == pytest.approx(np.nanmean(first))
 
 
@@ -327,16 +329,16 @@ def test_where_nothing_was_added_there_is_one_model(adequate):
 
 def test_an_effect_that_may_not_stand_is_nowhere_told_as_found(explanation):
     """Legends, titles, table, captions: the nearest known effect, and that it was refused."""
-    unnamed = replace(explanation, left_after=replace(explanation.left_after, p_value=1e-9))
+    unnamed = replace(explanation, residual_tests_after=replace(explanation.residual_tests_after, p_value=1e-9))
     assert unnamed.verdict == "unnamed" and unnamed.effects
-    drawn_ = dict(figures.diagnosis(unnamed))
+    drawn_ = dict(figures.diagnosis_figures(unnamed))
     seen = {text.get_text() for made in drawn_.values() for text in made.findobj(Text)}
     assert not [text for text in seen if "ith the effect" in text or text == "in the model"]
     assert {"nearest effect, refused", "with the nearest effect, refused"} <= seen
-    run = Run(unnamed.study.case, diagnosis=unnamed)
-    text = check(page_of(run, result(run), [draw(*one) for one in drawn_.items()])).text
+    run = Run(unnamed.problem.case, diagnosis=unnamed)
+    text = check(page_of(run, result_entries(run), [draw_figure(*one) for one in drawn_.items()])).text
     assert ">in the model<" not in text and "the nearest known effect, refused" in text
-    assert all("refused" in alternative(stem, run) for stem in ("missing", "residuals"))
+    assert all("refused" in alternative_text(stem, run) for stem in ("missing", "residuals"))
 
 
 def test_one_quarter_that_tells_a_size_is_compared_with_none(explanation):
@@ -344,13 +346,13 @@ def test_one_quarter_that_tells_a_size_is_compared_with_none(explanation):
     sizes = np.full(len(named.windows.size), np.nan)
     sizes[1] = 2400.0
     alone = replace(explanation, effects=(replace(named, windows=replace(named.windows, size=sizes, p_value=1.0)),))
-    title = dict(figures.diagnosis(alone))["windows"].axes[0].get_title(loc="left")
+    title = dict(figures.diagnosis_figures(alone))["windows"].axes[0].get_title(loc="left")
     assert "p =" not in title and "1 of 4 quarters" in title
-    assert "(1 of 4 tell of it)" in str(alone) and alone.result()["effects"][0]["windows"]["p_value"] is None
+    assert "(1 of 4 are informative)" in str(alone) and alone.to_dict()["effects"][0]["windows"]["p_value"] is None
 
 
 def test_the_alternative_of_a_single_panel_speaks_of_one(adequate):
-    told = alternative("residuals", Run(adequate.study.case, diagnosis=adequate))
+    told = alternative_text("residuals", Run(adequate.problem.case, diagnosis=adequate))
     assert "before and after" not in told and " to " not in told
 
 
@@ -360,7 +362,7 @@ def test_the_alternative_of_a_single_panel_speaks_of_one(adequate):
 @pytest.fixture
 def explained(monkeypatch, diagnosed, explanation):
     """The command's search replaced by what it found before."""
-    monkeypatch.setattr(workflow, "explain", lambda case, progress: explanation)
+    monkeypatch.setattr(workflow, "diagnose", lambda case, progress: explanation)
     return diagnosed[0]
 
 
@@ -396,7 +398,7 @@ def test_diagnose_names_what_is_hidden(diagnosed, explanation):
     assert {file.name for file in out.iterdir()} == DIAGNOSIS | {"wall.png", "record.png", "report.html", "result.json"}
     assert json.loads((out / "result.json").read_text()) == result
     page = check((out / "report.html").read_text("utf-8"))
-    assert prose(found.sentence) in unescape(page.text)
+    assert format_text(found.sentence) in unescape(page.text)
     assert page.text.count('<th scope="row">') > len(ranked) and 'class="in"' in page.text
 
 
@@ -422,9 +424,9 @@ def test_an_adequate_model_is_told_with_what_would_have_shown(command, tmp_path,
         effects=(),
         trials=(),
         rivals=(),
-        left_after=replace(found.left_after, p_value=0.5),
+        residual_tests_after=replace(found.residual_tests_after, p_value=0.5),
     )
-    monkeypatch.setattr(workflow, "explain", lambda case, progress: nothing)
+    monkeypatch.setattr(workflow, "diagnose", lambda case, progress: nothing)
     ended = command("diagnose", path, "--json")
     assert ended.exit_code == 0
     result = json.loads(ended.stdout)
@@ -436,10 +438,10 @@ def test_an_adequate_model_is_told_with_what_would_have_shown(command, tmp_path,
 
 def test_a_diagnosis_without_a_diffusivity_ends_with_status_1(command, monkeypatch, diagnosed, explanation):
     path, found = diagnosed[0], explanation
-    case = found.study.case
+    case = found.problem.case
     strict = replace(case, choices=replace(case.choices, largest_interval_factor=1.0001))
-    wide = replace(found, study=replace(found.study, case=strict))
-    monkeypatch.setattr(workflow, "explain", lambda case, progress: wide)
+    wide = replace(found, problem=replace(found.problem, case=strict))
+    monkeypatch.setattr(workflow, "diagnose", lambda case, progress: wide)
     ended = command("diagnose", path, "--json")
     assert ended.exit_code == 1
     result = json.loads(ended.stdout)

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.discrepancy import scenarios, score, truth
-from benchmarks.discrepancy.truth import DAY, FINE_STEP, HOUR, Spec
-from benchmarks.twins import slab_response
+from benchmarks.accuracy.discrepancy import scenarios, score
+from benchmarks.reference import simulator_with_effects as truth
+from benchmarks.reference.simulator_with_effects import DAY, FINE_STEP, HOUR, Spec
+from benchmarks.reference.synthetic_twins import slab_response
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import simpson
 from scipy.interpolate import CubicSpline

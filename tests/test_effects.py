@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from benchmarks.discrepancy import truth
-from benchmarks.discrepancy.truth import DAY, HOUR
+from benchmarks.reference import simulator_with_effects as truth
+from benchmarks.reference.simulator_with_effects import DAY, HOUR
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
@@ -30,7 +30,7 @@ from wallid.discrepancy.effects import (
     LayeredConductivity,
     PhaseChange,
     PlacedSource,
-    Search,
+    SearchRange,
     SensorDrift,
     SensorGain,
     SensorLag,
@@ -46,12 +46,12 @@ from wallid.discrepancy.effects import (
     WettingByRain,
     latent_capacity,
     library,
-    record_search,
+    search_range_of_record,
     untestable,
 )
-from wallid.discrepancy.effects.heat_sources import hours_course
-from wallid.discrepancy.forward import cells
-from wallid.discrepancy.forward.response import respond
+from wallid.discrepancy.effects.heat_sources import hours_signal
+from wallid.discrepancy.forward import build_cells
+from wallid.discrepancy.forward.response import simulate_readings
 from wallid.discrepancy.model_with_effects import ModelWithEffects, first_order_columns, linearise, predict
 
 REGRESSORS = ("irradiance", "air_outdoor", "air_indoor", "heating", "rain")
@@ -67,7 +67,7 @@ def plain(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def campaign(plain):
-    return plain[0].model.campaign
+    return plain[0].model.forcing
 
 
 def rms(values):
@@ -131,10 +131,10 @@ def test_only_what_changes_with_temperature_or_time_is_not_linear():
 
 @pytest.mark.parametrize("rain", [(), (0.4 * DAY, 2.0 * DAY)])
 def test_the_scan_stays_within_the_bounds(rain):
-    search = Search(
-        places=(0.05, 0.08, 0.1, 0.12, 0.15),
+    search = SearchRange(
+        interface_positions=(0.05, 0.08, 0.1, 0.12, 0.15),
         length=0.2,
-        clear=(0.05, 0.03),
+        face_clearance=(0.05, 0.03),
         duration=5 * DAY,
         rain=rain,
         coldest=-4.0,
@@ -147,7 +147,7 @@ def test_the_scan_stays_within_the_bounds(rain):
             low, high = effect.bounds(parameter, search)
             assert low < high
             if parameter.is_size:
-                assert low <= 0.0 <= high and parameter.worth > 0
+                assert low <= 0.0 <= high and parameter.smallest_reported > 0
                 assert all(parameter.name not in values for values in grid)
             else:
                 assert all(low <= values[parameter.name] <= high for values in grid)
@@ -164,14 +164,14 @@ def test_a_heavy_rain_begins_by_itself_after_a_shower(plain):
     rain = np.where((hours >= 6) & (hours < 8), 0.5, 0.0) + np.where((hours >= 16) & (hours < 22), 6.0, 0.0)
     rain[(hours >= 18) & (hours < 19)] = 0.0  # a pause
     wet = replace(record, regressors={"rain": rain})
-    assert record_search(wet, (0.1,), 0.4).rain == (6 * 3600.0, 16 * 3600.0)
+    assert search_range_of_record(wet, (0.1,), 0.4).rain == (6 * 3600.0, 16 * 3600.0)
 
 
 def test_interfaces_are_looked_for_between_the_outermost_sensors(plain):
     record = plain[0].record
-    inside = record_search(record, (0.15, 0.04, 0.1), 0.2).places
+    inside = search_range_of_record(record, (0.15, 0.04, 0.1), 0.2).interface_positions
     assert inside[0] > 0.04 and inside[-1] < 0.15 and np.all(np.diff(inside) > 0)
-    alone = record_search(record, (0.1,), 0.2).places
+    alone = search_range_of_record(record, (0.1,), 0.2).interface_positions
     assert alone[0] >= 0.05 and alone[-1] <= 0.15
 
 
@@ -181,25 +181,33 @@ def test_interfaces_are_looked_for_between_the_outermost_sensors(plain):
 def test_each_effect_at_its_neutral_value_changes_no_term(campaign):
     """Nothing but entries of size 0 is added, and cells, faces and readings are the plain ones to the bit."""
     nothing = Terms.plain(campaign)
-    bare = cells(nothing, campaign)
+    bare = build_cells(nothing, campaign)
     changing, kinds = set(), set()
     for effect in library(3, REGRESSORS):
-        terms = effect.extend(nothing, campaign)
+        terms = effect.apply(nothing, campaign)
         for name in Terms.__dataclass_fields__:
             before, after = getattr(nothing, name), getattr(terms, name)
             if isinstance(after, tuple):
                 assert all(float(entry[0]) == 0.0 for entry in after), f"{effect.name}: {name}"
             else:
                 assert_array_equal(after, before, err_msg=f"{effect.name}: {name}")
-        found = cells(terms, campaign) if type(effect) not in kinds else bare
+        found = build_cells(terms, campaign) if type(effect) not in kinds else bare
         kinds.add(type(effect))
-        for name in ("places", "resistance", "capacity", "advection", "loss", "state", "face"):
+        for name in (
+            "positions",
+            "resistance",
+            "capacity",
+            "advection",
+            "loss",
+            "state_to_readings",
+            "faces_to_readings",
+        ):
             assert_array_equal(getattr(found, name), getattr(bare, name), err_msg=f"{effect.name}: {name}")
-        assert_array_equal(found.other[:, :2], bare.other)
-        assert not np.any(found.other[:, 2:])
-        assert_array_equal(found.course[..., :4], bare.course)
+        assert_array_equal(found.heat_input_matrix[:, :2], bare.heat_input_matrix)
+        assert not np.any(found.heat_input_matrix[:, 2:])
+        assert_array_equal(found.inputs[..., :4], bare.inputs)
         size = effect.parameters[0]
-        moved = replace(effect, **{size.name: size.scale}).extend(nothing, campaign)
+        moved = replace(effect, **{size.name: size.scale}).apply(nothing, campaign)
         if not eqx.tree_equal(moved, terms):
             changing.add((effect.name, effect.target, effect.variant))
     assert len(changing) == len(library(3, REGRESSORS)), "away from it each of them changes something"
@@ -208,10 +216,10 @@ def test_each_effect_at_its_neutral_value_changes_no_term(campaign):
 def test_the_whole_library_at_its_neutral_values_is_the_plain_model(plain):
     """Whatever the places, times and temperatures of effects whose size is 0."""
     study, _ = plain
-    without = ModelWithEffects(study.model.campaign, (), study.model.log_prior, study.sensors, study.model.substeps)
+    without = ModelWithEffects(study.model.forcing, (), study.model.log_prior, study.sensor_count, study.model.substeps)
     theta = vector(study, 6e-7)
     theta[1:5] = [0.4, -0.3, 0.2, 0.1]
-    short = jnp.asarray(theta[: study.depths.stop])
+    short = jnp.asarray(theta[: study.face_positions.stop])
     elsewhere = theta.copy()
     for slot in study.library:
         for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True):
@@ -226,15 +234,15 @@ def test_the_whole_library_at_its_neutral_values_is_the_plain_model(plain):
 def test_how_deep_the_faces_sensors_sit_is_free_where_the_case_says_so(plain):
     study, _ = plain
     as_effect, as_error = vector(study, 6e-7, [("face_depth", "left", {"depth": 0.004})]), vector(study, 6e-7)
-    as_error[study.depths[0]] = 0.004
+    as_error[study.face_positions[0]] = 0.004
     assert_array_equal(predict(study.model, as_error, True), predict(study.model, as_effect, True))
-    assert not set(study.depths) & set(study.free(()))
+    assert not set(study.face_positions) & set(study.estimated_indices(()))
     uncertain = replace(study, record=replace(study.record, face_position_std=0.002))
-    assert set(uncertain.depths) <= set(uncertain.free(()))
-    assert_array_equal(uncertain.prior_width[list(uncertain.depths)], 0.002)
+    assert set(uncertain.face_positions) <= set(uncertain.estimated_indices(()))
+    assert_array_equal(uncertain.prior_std[list(uncertain.face_positions)], 0.002)
     effect = slot_of(study, "face_depth", "left")
-    left, right = uncertain.depths
-    assert left not in uncertain.free((effect,)) and right in uncertain.free((effect,))
+    left, right = uncertain.face_positions
+    assert left not in uncertain.estimated_indices((effect,)) and right in uncertain.estimated_indices((effect,))
 
 
 # ------------------------------------------------------------------------------------------------------ the physics
@@ -374,7 +382,7 @@ def test_the_heating_column_times_the_rate_is_a_source(plain):
     (slot,) = (slot for slot in study.library if slot.effect.variant == "with the heating")
     theta = vector(study, spec.diffusivity)
     with_source = theta.copy()
-    with_source[slot.first] = rate
+    with_source[slot.size_index] = rate
     got = (predict(study.model, with_source, True) - predict(study.model, theta, True))[SETTLED:]
     assert rms(got - want) < 2 * SMOOTH * rms(want), "the column is known at its rows only"
 
@@ -394,14 +402,14 @@ def test_hours_of_the_day_are_shared_among_the_rows(campaign, start, width, firs
     )
     fine = (hour[:, None] + (np.arange(parts) + 0.5) / parts * step / HOUR - start) % 24
     want = (fine < width).mean(axis=1)
-    got = np.asarray(hours_course(driven, jnp.asarray(start), jnp.asarray(start + width)))
+    got = np.asarray(hours_signal(driven, jnp.asarray(start), jnp.asarray(start + width)))
     assert_allclose(got[:, 0], want, rtol=0, atol=2.01 / parts)
     assert not np.any(got[:, 1:])
 
 
 def test_the_bump_of_a_phase_change_has_its_area(campaign):
     T = np.linspace(-6.0, 10.0, 40001)
-    latent = PhaseChange(area=3.5, temperature=1.2).extend(Terms.plain(campaign), campaign).latent
+    latent = PhaseChange(area=3.5, temperature=1.2).apply(Terms.plain(campaign), campaign).latent
     bump = np.asarray(latent_capacity(latent, jnp.asarray(T)))
     assert_allclose(np.trapezoid(bump, T), 3.5, rtol=1e-10)
     assert_allclose(np.trapezoid(bump * T, T) / 3.5, 1.2, rtol=1e-10)
@@ -452,8 +460,8 @@ def everything(effects, campaign):
     """All that the wall, its inputs and its sensors are with these effects in."""
     terms = Terms.plain(campaign)
     for effect in effects:
-        terms = effect.extend(terms, campaign)
-    wall = cells(terms, campaign)
+        terms = effect.apply(terms, campaign)
+    wall = build_cells(terms, campaign)
     T = jnp.linspace(5.0, 15.0, 21)
     t = np.linspace(0.0, 3 * DAY, 13)
     pace = np.ones_like(t)
@@ -462,15 +470,15 @@ def everything(effects, campaign):
         since = t - float(event.time)
         pace *= 1 + np.where(since >= 0, float(event.jump) * np.exp(-since / float(event.time_constant)), 0.0)
     return {
-        "places": wall.places,
+        "places": wall.positions,
         "resistance": wall.resistance,
         "capacity": wall.capacity,
         "advection": wall.advection,
         "loss": wall.loss,
-        "state": wall.state,
-        "face": wall.face,
-        "faces": wall.course[..., :2],
-        "heat": jnp.einsum("nc,ipc->ipn", wall.other, wall.course[..., 2:]),
+        "state": wall.state_to_readings,
+        "face": wall.faces_to_readings,
+        "faces": wall.inputs[..., :2],
+        "heat": jnp.einsum("nc,ipc->ipn", wall.heat_input_matrix, wall.inputs[..., 2:]),
         "latent": latent_capacity(terms.latent, T),
         "pace": pace * (1 + float(terms.drift) * t / DAY),
     } | {
@@ -497,7 +505,7 @@ def test_the_order_of_the_library_does_not_matter(plain):
     backward = tuple(reversed(study.model.effects))
     turned = eqx.tree_at(lambda model: model.effects, study.model, backward)
     parts = [
-        theta[: study.library[0].first],
+        theta[: study.library[0].size_index],
         *(theta[list(slot.indices)] for slot in reversed(study.library)),
     ]
     one, other = predict(study.model, theta, True), predict(turned, np.concatenate(parts), True)
@@ -509,9 +517,9 @@ def test_two_effects_of_a_kind_add_up(campaign):
     twice = [SensorOffset(sensor=1, offset=0.2), SensorOffset(sensor=1, offset=0.1)]
     terms = Terms.plain(campaign)
     for effect in (*twice, ContactResistance(0.01, 0.08), ContactResistance(0.02, 0.12)):
-        terms = effect.extend(terms, campaign)
+        terms = effect.apply(terms, campaign)
     assert_allclose(terms.offset, [0.0, 0.3, 0.0])
-    wall = cells(terms, campaign)
+    wall = build_cells(terms, campaign)
     joined = np.asarray(wall.resistance) / np.asarray(campaign.resistance)
     assert_allclose((joined / joined.min() - 1).sum() * campaign.resistance[0], 0.03, rtol=1e-10)
     assert_allclose(wall.resistance.sum(), campaign.length, rtol=1e-14), "the effective resistance stays"
@@ -553,7 +561,7 @@ def test_every_parameter_has_its_derivative(plain):
         for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True)
     }
     chosen = [0, 1, 4, study.positions[1], study.offsets[2], *names]
-    directions = np.eye(study.size)[chosen]
+    directions = np.eye(study.parameter_count)[chosen]
     value, slopes = linearise(study.model, study.bins, theta, directions, linear=False)
     assert_allclose(value, predict(study.model, theta, False), rtol=0, atol=1e-10)
     for index, direction, slope in zip(chosen, directions, slopes, strict=True):
@@ -575,21 +583,21 @@ def test_the_first_order_of_every_effect(plain):
     for slot in study.library:
         if slot.effect.linear:
             theta[list(slot.indices)] = linear[list(slot.indices)]
-    slots = [slot for slot in study.library if theta[slot.first] == 0.0]
+    slots = [slot for slot in study.library if theta[slot.size_index] == 0.0]
     assert len(slots) > len(study.library) - 4
     thetas = np.repeat(theta[None], len(slots), axis=0)
     places = sized(study, 0.0)
     for slot, row in zip(slots, thetas, strict=True):
         row[list(slot.indices)] = places[list(slot.indices)]
-    directions = np.eye(study.size)[[slot.first for slot in slots]]
+    directions = np.eye(study.parameter_count)[[slot.size_index for slot in slots]]
     found = first_order_columns(study.model, study.bins, theta, thetas, directions)
     for slot, row, direction, column in zip(slots, thetas, directions, found, strict=True):
         parameter = slot.effect.parameters[0]
-        sided = parameter.least == 0.0
+        sided = parameter.lower == 0.0
         step = (1e-3 if slot.effect.linear else 1e-2) * parameter.scale
         want = difference(study, row, direction, step, slot.effect.linear, sided=sided)
         # without the first six hours: a straight start bends within seconds, which lines of 10 min make too much of
-        column, want = (part.reshape(study.sensors, -1)[:, 36:] for part in (column, want))
+        column, want = (part.reshape(study.sensor_count, -1)[:, 36:] for part in (column, want))
         assert np.linalg.norm(column - want) < 6e-3 * np.linalg.norm(want) + 1e-9 / step, study.label(slot.effect)
 
 
@@ -601,8 +609,8 @@ def test_a_new_value_is_not_compiled_anew(campaign):
     def last(effect):
         nonlocal traced
         traced += 1
-        terms = effect.extend(Terms.plain(campaign), campaign)
-        return respond(terms, campaign, jnp.asarray(5e-7), jnp.zeros(2), linear=True)[-1]
+        terms = effect.apply(Terms.plain(campaign), campaign)
+        return simulate_readings(terms, campaign, jnp.asarray(5e-7), jnp.zeros(2), linear=True)[-1]
 
     results = [last(SensorOffset(sensor=0, offset=offset)) for offset in (0.0, 0.25, 1)]
     assert traced == 1

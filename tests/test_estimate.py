@@ -1,3 +1,4 @@
+import json
 from dataclasses import replace
 
 import equinox as eqx
@@ -5,14 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from benchmarks.cases import saint_julien_case, validation_case
-from benchmarks.make_examples import slab_response
+from benchmarks.reference.example_cases import saint_julien_case, validation_case
+from benchmarks.reference.make_examples import slab_response
 
 import wallid
-from wallid.estimation.diffusivity import fit_weighted_least_squares
+from wallid.inference.weighted_least_squares import fit_weighted_least_squares
 
 TRUTH = 5.21e-7
-SEEDS = 30  # `benchmarks.method` takes 50
+SEEDS = 30  # `benchmarks.accuracy.method` takes 50
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,7 @@ def large(case):
 @pytest.fixture(scope="module")
 def over_seeds(case, reduced, large):
     """Estimates and standard errors over noise seeds, by MIM 5 and by LOM, on the same data."""
-    per_alpha = jnp.asarray(wallid.case.scales(case).fourier(1.0))
+    per_alpha = jnp.asarray(wallid.case.scales(case).fourier_number(1.0))
     found = []
     for seed in range(SEEDS):
         data = wallid.models.window_data(validation_case(case, seed))
@@ -64,7 +65,7 @@ def test_unbiased_within_the_standard_error(over_seeds, model):
 def test_fifty_starts_give_one_value(case, reduced):
     """The issue's figure: from 1e-8 to 1e-5, to 1e-8 relative."""
     data = wallid.models.window_data(case)
-    per_alpha, eta = jnp.asarray(wallid.case.scales(case).fourier(1.0)), jnp.asarray(1e-14)
+    per_alpha, eta = jnp.asarray(wallid.case.scales(case).fourier_number(1.0)), jnp.asarray(1e-14)
     values = []
     for start in np.geomspace(1e-8, 1e-5, 50):
         fit = fit_weighted_least_squares(reduced.system, data, per_alpha, jnp.asarray(start), eta)
@@ -77,7 +78,7 @@ def test_at_most_ten_iterations_until_a_step_is_under_1e_8(case, reduced, large,
     fit = wallid.estimate(case, None, reduced if model == "mim" else large, eta=1e-14)
     steps = np.flatnonzero(fit.history["gamma_2"] < 1e-8)
     assert steps[0] <= 10
-    assert fit.reliable and fit.result == "converged"
+    assert fit.reliable and fit.message == "converged"
 
 
 def test_explicit_and_autodiff_jacobians_give_the_same_estimate(case, reduced):
@@ -192,9 +193,9 @@ def test_offset_covariance_is_that_of_the_marginal_model(case, reduced):
     present = np.isfinite(fit.residual)
     theta = (
         wallid.models.explicit(
-            reduced.system, wallid.case.scales(case).fourier(fit.value), wallid.models.window_data(stated)
+            reduced.system, wallid.case.scales(case).fourier_number(fit.value), wallid.models.window_data(stated)
         )[1]
-        * wallid.case.scales(case).fourier(fit.value)
+        * wallid.case.scales(case).fourier_number(fit.value)
         * wallid.case.scales(case).temperature
     )
     information = 0.0
@@ -248,7 +249,7 @@ def test_a_start_outside_the_bounds_is_named(case, reduced):
 def test_one_compilation_for_all_windows_of_a_length():
     case = wallid.load("saint_julien")
     system = wallid.full_order_model(case)
-    per_alpha = jnp.asarray(wallid.case.scales(case).fourier(1.0))
+    per_alpha = jnp.asarray(wallid.case.scales(case).fourier_number(1.0))
     # counts traces of the estimate's body under a jit of its own
     fit = eqx.filter_jit(
         eqx.debug.assert_max_traces(
@@ -273,9 +274,33 @@ def test_the_twin_without_sun_over_20_noise_seeds():
 
 
 def test_the_case_studys_orders_against_the_large_model():
-    """MIM within 0.5 % of LOM (the paper's Table 4); `benchmarks.method` takes all orders from 7 to 20."""
+    """MIM within 0.5 % of LOM (the paper's Table 4); `benchmarks.accuracy.method` takes all orders from 7 to 20."""
     case = wallid.load("saint_julien")
     window = wallid.design(case)
     large = wallid.estimate(case, window, wallid.full_order_model(case)).value
     # of all of them the smallest is off most
     assert wallid.estimate(case, window, wallid.learn(case, window, 7)).value == pytest.approx(large, rel=5e-3)
+
+
+def test_intervals_at_other_levels_are_scaled_in_the_logarithm(case, reduced):
+    fit = wallid.estimate(case, None, reduced)
+    assert fit.conf_int() == fit.interval_95
+    half = {level: np.log(np.array(fit.conf_int(level)) / fit.value) for level in (0.6827, 0.95, 0.99)}
+    np.testing.assert_allclose(half[0.99] / half[0.95], 2.5758293035 / 1.9599639845, rtol=1e-9)
+    np.testing.assert_allclose(half[0.6827] / half[0.95], 1.0 / 1.9599639845, rtol=1e-4)
+    for level in (0.0, 1.0, 95):
+        with pytest.raises(wallid.InputError, match="level"):
+            fit.conf_int(level)
+
+
+def test_an_estimate_as_text_dict_and_html(case, reduced):
+    fit = wallid.estimate(case, None, reduced)
+    assert fit.summary() == str(fit)
+    result = json.loads(json.dumps(fit.to_dict()))
+    assert result["value"] == fit.value and result["unit"] == "m2/s" and result["interval_95"] == list(fit.interval_95)
+    assert result["positions"] == {
+        name: {"value": value, "std": std, "unit": "m"} for name, (value, std) in fit.positions.items()
+    }
+    assert f"{fit.value:.4g}" in fit._repr_html_() and "m2/s" in fit._repr_html_()
+    doubtful = replace(fit, reliable=False, reason="a < b & c")._repr_html_()
+    assert "a &lt; b &amp; c" in doubtful and "a < b" not in doubtful

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks import make_examples
-from benchmarks.make_examples import EXAMPLES, numerical_errors, saint_julien, slab_response, write_examples
+from benchmarks.reference import make_examples
+from benchmarks.reference.make_examples import EXAMPLES, numerical_errors, saint_julien, slab_response, write_examples
 
 import wallid
 
@@ -19,7 +19,7 @@ def test_the_generator_gives_the_packaged_bytes_twice(tmp_path):
 
 
 def test_the_generator_knows_nothing_of_the_package():
-    for name in ("make_examples.py", "twins.py"):
+    for name in ("make_examples.py", "synthetic_twins.py"):
         tree = ast.parse((Path(make_examples.__file__).parent / name).read_text())
         imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
         imported |= {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}

@@ -36,8 +36,14 @@ from wallid.discrepancy.effects import (
     UniformSource,
     WettingByRain,
 )
-from wallid.discrepancy.forward import cells, linear_course, readings, start, stepped_course
-from wallid.discrepancy.forward.response import respond
+from wallid.discrepancy.forward import (
+    apply_sensor_effects,
+    build_cells,
+    initial_state,
+    simulate_linear_wall,
+    simulate_nonlinear_wall,
+)
+from wallid.discrepancy.forward.response import simulate_readings
 
 DAY, HOUR = 86400.0, 3600.0
 L, ALPHA = 0.2, jnp.asarray(8e-7)
@@ -68,10 +74,10 @@ def drive(left, right, *, outdoor=4.0, indoor=19.0):
         hour=jnp.asarray(TIME[:-1] / HOUR),
         start_profile=jnp.asarray(faces[0]),
         reference=jnp.asarray(12.0),
-        places=jnp.linspace(0.0, L, NODES),
+        node_positions=jnp.linspace(0.0, L, NODES),
         resistance=jnp.full(NODES - 1, L / (NODES - 1)),
         capacity=jnp.asarray(width),
-        position=jnp.asarray(POSITION),
+        sensor_positions=jnp.asarray(POSITION),
         length=jnp.asarray(L),
     )
 
@@ -91,7 +97,7 @@ def campaign():
 def extended(campaign, *effects):
     terms = Terms.plain(campaign)
     for effect in effects:
-        terms = effect.extend(terms, campaign)
+        terms = effect.apply(terms, campaign)
     return terms
 
 
@@ -120,15 +126,15 @@ class Numbers(NamedTuple):
 
 def written_out(terms, campaign):
     """From cells to matrices, cell by cell."""
-    wall = jax.tree.map(np.asarray, cells(terms, campaign))
+    wall = jax.tree.map(np.asarray, build_cells(terms, campaign))
     n = len(wall.capacity)
-    A, B = np.zeros((n, n)), np.zeros((n, wall.course.shape[2]))
-    B[:, 2:] = wall.other
+    A, B = np.zeros((n, n)), np.zeros((n, wall.inputs.shape[2]))
+    B[:, 2:] = wall.heat_input_matrix
     for i in range(n):
         for cell, neighbour, wind in ((i, i - 1, 1.0), (i + 1, i + 1, -1.0)):
             flow = float(ALPHA) / wall.resistance[cell] / wall.capacity[i]
             A[i, i] -= flow
-            taken = flow + wind * float(terms.velocity) / (wall.places[i + 2] - wall.places[i])
+            taken = flow + wind * float(terms.velocity) / (wall.positions[i + 2] - wall.positions[i])
             if 0 <= neighbour < n:
                 A[i, neighbour] += taken
             else:
@@ -150,28 +156,30 @@ def test_the_linear_course_is_the_matrix_exponential(campaign):
     whole[:n, :n], whole[:n, n : n + m] = STEP * A, STEP * B
     whole[n : n + 3 * m, n + m :] = np.eye(3 * m)
     advance = expm(whole)
-    T = np.asarray(start(cells(terms, campaign), campaign, profile))
+    T = np.asarray(initial_state(build_cells(terms, campaign), campaign, profile))
     states = [T]
     factorial = np.array([1.0, 1.0, 2.0, 6.0])[:, None]
-    for piece in wall.course:
+    for piece in wall.inputs:
         T = (advance @ np.concatenate([T, (piece * factorial).ravel()]))[:n]
         states.append(T)
     states = np.array(states)
-    q = np.concatenate([wall.course[:, 0], wall.course[-1:].sum(axis=1)])
-    slope = np.concatenate([wall.course[:, 1], np.arange(4) @ wall.course[-1:]]) / STEP
+    q = np.concatenate([wall.inputs[:, 0], wall.inputs[-1:].sum(axis=1)])
+    slope = np.concatenate([wall.inputs[:, 1], np.arange(4) @ wall.inputs[-1:]]) / STEP
     rates = states @ A.T + q @ B.T
-    value, rate = linear_course(cells(terms, campaign), campaign, ALPHA, jnp.asarray(states[0]))
+    value, rate = simulate_linear_wall(build_cells(terms, campaign), campaign, ALPHA, jnp.asarray(states[0]))
     # round-off times the ratio of the fastest to the slowest rate
-    assert_allclose(value, states @ wall.state.T + q[:, :2] @ wall.face.T, rtol=0, atol=1e-9)
-    assert_allclose(rate, rates @ wall.state.T + slope[:, :2] @ wall.face.T, rtol=0, atol=1e-12)
+    assert_allclose(value, states @ wall.state_to_readings.T + q[:, :2] @ wall.faces_to_readings.T, rtol=0, atol=1e-9)
+    assert_allclose(
+        rate, rates @ wall.state_to_readings.T + slope[:, :2] @ wall.faces_to_readings.T, rtol=0, atol=1e-12
+    )
     assert np.ptp(np.asarray(value), axis=0).min() > 0.5
 
 
 def test_layers_and_joints_leave_the_effective_diffusivity(campaign):
     """`L^2 / (R C)` is the one parameter: both sums are the modelled length."""
-    wall = cells(extended(campaign, *LINEAR[:3], LINEAR[4]), campaign)
+    wall = build_cells(extended(campaign, *LINEAR[:3], LINEAR[4]), campaign)
     assert_allclose(wall.resistance.sum(), L - 0.004, rtol=1e-14)
-    half_cells = cells(extended(campaign, LayeredCapacity(-0.4, 0.126)), campaign)
+    half_cells = build_cells(extended(campaign, LayeredCapacity(-0.4, 0.126)), campaign)
     # the faces' half cells store nothing that shows; the step is e^-0.2 on the left of 0.126 m, e^0.2 on the right
     total = 0.126 * np.exp(0.2) + (L - 0.126) * np.exp(-0.2)
     assert_allclose(half_cells.capacity[0] / half_cells.capacity[-1], np.exp(0.4), rtol=1e-12)
@@ -183,7 +191,7 @@ def test_a_mode_of_the_initial_profile_decays_by_itself():
     cold = drive(0.0, 0.0)
     for k in (1, 2):
         profile = jnp.zeros(3).at[k - 1].set(2.0)
-        got = np.asarray(respond(Terms.plain(cold), cold, ALPHA, profile, linear=True))
+        got = np.asarray(simulate_readings(Terms.plain(cold), cold, ALPHA, profile, linear=True))
         dx = L / (NODES - 1)
         pole = -float(ALPHA) * (2 / dx * np.sin(k * np.pi * dx / (2 * L))) ** 2
         shape = 2.0 * np.sin(k * np.pi * POSITION / L)
@@ -208,7 +216,7 @@ def test_a_mode_of_the_initial_profile_decays_by_itself():
 def test_the_steady_wall_is_the_closed_solution(effects, profile):
     """Faces at 0 and 20 degC, outdoor air at 5: what is left after a day is the steady state (tau 1.4 h)."""
     still = drive(0.0, 20.0, outdoor=5.0)
-    got = respond(extended(still, *effects), still, ALPHA, jnp.zeros(1), linear=True)[-1]
+    got = simulate_readings(extended(still, *effects), still, ALPHA, jnp.zeros(1), linear=True)[-1]
     # second order: (dx/L)^2 of 20 K times the profile's bend, under 1/4; a film's wall takes 3 h
     assert_allclose(got, profile(POSITION), rtol=0, atol=20.0 / (NODES - 1) ** 2 / 4 + 20.0 * np.exp(-8.0))
 
@@ -230,11 +238,11 @@ def changing(campaign):
     """A wall with everything that is not linear; its course by SciPy, the equation written out once more."""
     terms = extended(campaign, *NONLINEAR, *SURROUNDING)
     _, _, wall = written_out(terms, campaign)
-    spacing = wall.places[2:] - wall.places[:-2]
+    spacing = wall.positions[2:] - wall.positions[:-2]
 
     def inputs(t):
         row = min(int(t / STEP), ROWS - 2)
-        return (t / STEP - row) ** np.arange(4) @ wall.course[row]
+        return (t / STEP - row) ** np.arange(4) @ wall.inputs[row]
 
     def rate(t, T):
         q = inputs(t)
@@ -249,19 +257,19 @@ def changing(campaign):
         wind = 6e-7 * (padded[2:] - padded[:-2]) / spacing
         return np.diff(flux) / c - wind + 4e-6 * (q[2] - T)
 
-    T = np.asarray(start(cells(terms, campaign), campaign, jnp.zeros(1)))
+    T = np.asarray(initial_state(build_cells(terms, campaign), campaign, jnp.zeros(1)))
     part = solve_ivp(rate, TIME[[0, -1]], T, "LSODA", TIME, rtol=1e-9, atol=1e-9, max_step=STEP / 8)
     field = part.y.T
-    q = np.concatenate([wall.course[:, 0], wall.course[-1:].sum(axis=1)])
-    return terms, field @ wall.state.T + q[:, :2] @ wall.face.T
+    q = np.concatenate([wall.inputs[:, 0], wall.inputs[-1:].sum(axis=1)])
+    return terms, field @ wall.state_to_readings.T + q[:, :2] @ wall.faces_to_readings.T
 
 
 @eqx.filter_jit
 def stepped(terms, campaign, substeps, controller=None):
-    wall = cells(terms, campaign)
+    wall = build_cells(terms, campaign)
     more = {} if controller is None else {"solver": diffrax.Tsit5(), "controller": controller}
-    return stepped_course(
-        wall, terms, campaign, ALPHA, start(wall, campaign, jnp.zeros(1)), substeps=substeps, **more
+    return simulate_nonlinear_wall(
+        wall, terms, campaign, ALPHA, initial_state(wall, campaign, jnp.zeros(1)), substeps=substeps, **more
     )  # fmt: skip
 
 
@@ -277,21 +285,21 @@ def test_the_stepped_course_converges_with_order_two(campaign, changing):
 
 def freezing(campaign, terms):
     """The same wall's field by SciPy, for terms with a phase change alone, in the nodes' heat content."""
-    wall = cells(terms, campaign)
+    wall = build_cells(terms, campaign)
     (bump,) = terms.latent
 
     def rate(t, T):
         row = min(int(t / STEP), ROWS - 2)
-        q = (t / STEP - row) ** np.arange(4) @ np.asarray(wall.course[row])
+        q = (t / STEP - row) ** np.arange(4) @ np.asarray(wall.inputs[row])
         padded = np.concatenate([q[:1], T, q[1:2]])
-        peak = float(bump.size) / (0.5 * np.sqrt(2 * np.pi))
-        c = wall.capacity * (1 + peak * np.exp(-0.5 * ((T - float(bump.place)) / 0.5) ** 2))
+        peak = float(bump.area) / (0.5 * np.sqrt(2 * np.pi))
+        c = wall.capacity * (1 + peak * np.exp(-0.5 * ((T - float(bump.temperature)) / 0.5) ** 2))
         return np.diff(float(ALPHA) * np.diff(padded) / wall.resistance) / c
 
-    T = np.asarray(start(wall, campaign, jnp.zeros(1)))
+    T = np.asarray(initial_state(wall, campaign, jnp.zeros(1)))
     part = solve_ivp(rate, TIME[[0, -1]], T, "BDF", TIME, rtol=1e-8, atol=1e-8, max_step=STEP / 4)
-    q = np.concatenate([wall.course[:, 0], wall.course[-1:].sum(axis=1)])
-    return part.y.T @ wall.state.T + q[:, :2] @ wall.face.T
+    q = np.concatenate([wall.inputs[:, 0], wall.inputs[-1:].sum(axis=1)])
+    return part.y.T @ wall.state_to_readings.T + q[:, :2] @ wall.faces_to_readings.T
 
 
 @pytest.mark.parametrize("area", [3.0, 15.0, 80.0])
@@ -322,8 +330,8 @@ def test_an_adaptive_solver_of_diffrax_gives_the_same_wall(campaign, changing):
 def test_at_neutral_values_the_stepped_course_is_the_linear_one_within_its_time_error(campaign):
     neutral = [type(effect)() for effect in NONLINEAR]
     terms = extended(campaign, *neutral, *SURROUNDING)
-    wall = cells(terms, campaign)
-    value, rate = linear_course(wall, campaign, ALPHA, start(wall, campaign, jnp.zeros(1)))
+    wall = build_cells(terms, campaign)
+    value, rate = simulate_linear_wall(wall, campaign, ALPHA, initial_state(wall, campaign, jnp.zeros(1)))
     errors = []
     for parts in (16, 64):
         course, slope = stepped(terms, campaign, parts)
@@ -346,7 +354,7 @@ def sine(period=DAY):
 def lagged(campaign, lag):
     value, rate, _ = sine()
     terms = eqx.tree_at(lambda t: t.lag, Terms.plain(campaign), jnp.full(2, lag))
-    return np.asarray(readings(terms, campaign, value, rate))
+    return np.asarray(apply_sensor_effects(terms, campaign, value, rate))
 
 
 def test_a_sensor_without_lag_reads_the_temperature(campaign):
@@ -370,7 +378,9 @@ def test_a_lag_goes_on_smoothly_through_a_step(campaign):
 
     def at(lag):
         value, rate, _ = sine()
-        return readings(eqx.tree_at(lambda t: t.lag, Terms.plain(campaign), jnp.full(2, lag)), campaign, value, rate)
+        return apply_sensor_effects(
+            eqx.tree_at(lambda t: t.lag, Terms.plain(campaign), jnp.full(2, lag)), campaign, value, rate
+        )
 
     below, above = STEP * (1 - 1e-12), STEP * (1 + 1e-12)
     results = [jax.jvp(at, (jnp.asarray(lag),), (jnp.ones(()),)) for lag in (below, above)]
@@ -385,7 +395,9 @@ def test_the_slope_by_the_lag_at_none_is_that_of_the_equation(campaign):
     value, rate, _ = sine()
 
     def at(lag):
-        return readings(eqx.tree_at(lambda t: t.lag, Terms.plain(campaign), jnp.full(2, lag)), campaign, value, rate)
+        return apply_sensor_effects(
+            eqx.tree_at(lambda t: t.lag, Terms.plain(campaign), jnp.full(2, lag)), campaign, value, rate
+        )
 
     slope = jax.jvp(at, (jnp.zeros(()),), (jnp.ones(()),))[1]
     assert_allclose(slope[1:], -rate[1:], rtol=0, atol=1e-15)
@@ -394,7 +406,7 @@ def test_the_slope_by_the_lag_at_none_is_that_of_the_equation(campaign):
 @pytest.mark.parametrize("rows", [3, -2, 0])
 def test_a_clock_wrong_by_whole_rows_moves_the_rows(campaign, rows):
     value, rate, _ = sine()
-    late = readings(extended(campaign, ClockShift(rows * STEP)), campaign, value, rate)
+    late = apply_sensor_effects(extended(campaign, ClockShift(rows * STEP)), campaign, value, rate)
     moved = slice(max(rows, 0), ROWS + min(rows, 0))
     assert_allclose(late[moved], np.roll(value, rows, axis=0)[moved], rtol=0, atol=1e-12)
     # beyond the record on straight lines
@@ -407,7 +419,7 @@ def test_a_clock_wrong_by_whole_rows_moves_the_rows(campaign, rows):
 def test_a_clock_wrong_by_part_of_a_row_reads_between_rows(campaign):
     value, rate, omega = sine()
     delay = 0.37 * STEP
-    late = readings(extended(campaign, ClockShift(delay)), campaign, value, rate)
+    late = apply_sensor_effects(extended(campaign, ClockShift(delay)), campaign, value, rate)
     want = 10.0 + np.sin(omega * (TIME[:, None] - delay) + np.array([0.3, 1.2]))
     assert_allclose(late[1:], want[1:], rtol=0, atol=1.01 * (omega * STEP) ** 4 / 384)
 
@@ -416,7 +428,7 @@ def test_a_late_slow_sensor_with_a_gain_reads_all_in_turn(campaign):
     """First the clock, then the lag, then the gain about T0."""
     value, rate, _ = sine()
     terms = extended(campaign, SensorGain(sensor=1, gain=0.1), SensorLag(sensor=1, time_constant=900.0))
-    got = np.asarray(readings(terms, campaign, value, rate))
+    got = np.asarray(apply_sensor_effects(terms, campaign, value, rate))
     assert_allclose(got[:, 0], value[:, 0], rtol=4 * np.finfo(float).eps)
     slow = lagged(campaign, 900.0)[:, 1]
     assert_allclose(got[:, 1], 12.0 + 1.1 * (slow - 12.0), rtol=1e-14)

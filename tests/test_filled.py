@@ -1,12 +1,12 @@
-"""Filled gaps in a face, in the covariance: against errors drawn by NumPy that go through `benchmarks.slab`."""
+"""Filled gaps in a face, in the covariance: against errors drawn by NumPy that go through an analytic slab."""
 
 from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from benchmarks import interval
-from benchmarks.slab import temperatures
+from benchmarks.accuracy import interval
+from benchmarks.reference.analytic_slab import temperatures
 from numpy.testing import assert_allclose
 
 import wallid
@@ -44,7 +44,7 @@ def fill():
 @pytest.fixture(scope="module")
 def response():
     case = interval.case_of(interval.KINDS["white"], np.full((ROWS, 2), 15.0), np.full((ROWS, 3), 15.0))
-    fourier = wallid.case.scales(case).fourier(interval.DIFFUSIVITY)
+    fourier = wallid.case.scales(case).fourier_number(interval.DIFFUSIVITY)
     system = wallid.full_order_model(case)
     return np.array(face_response(system, jnp.asarray(fourier), jnp.asarray(interval.STEP / 86400), ROWS))
 

@@ -1,4 +1,4 @@
-"""Heat flux: against the sine series of `benchmarks.slab` (no part of wallid), SciPy's hand and ISO 9869-1's rules."""
+"""Heat flux: against the sine series of an analytic slab (no part of wallid), SciPy's hand and ISO 9869-1's rules."""
 
 import json
 from dataclasses import replace
@@ -9,7 +9,7 @@ import jsonschema
 import numpy as np
 import pandas as pd
 import pytest
-from benchmarks.slab import fluxes, temperatures, weather
+from benchmarks.reference.analytic_slab import fluxes, temperatures, weather
 from numpy.testing import assert_allclose
 from pages import check
 from results import SCHEMA
@@ -19,11 +19,11 @@ from typer.testing import CliRunner
 
 import wallid
 from wallid import plot
-from wallid.case.case_file import Choices
+from wallid.case.options import Choices
 from wallid.cli.commands import app
 from wallid.estimation.iso_9869 import average_method
 from wallid.inference.generalised_least_squares import fit_generalised_least_squares
-from wallid.inference.nuisance_parameters import noise_within
+from wallid.inference.nuisance_parameters import wiener_filtered_noise
 from wallid.inference.validity import distinguishable_range
 from wallid.models.flux_plates import untold_rows
 from wallid.models.plate_model import full_order_model_with_plates
@@ -126,7 +126,7 @@ def test_a_plates_calibration_is_counted(both):
     near(told.resistance, R)
     assert told.resistance.std / told.resistance.value == pytest.approx(0.05 / np.sqrt(2), rel=0.3)
     # of the two only their difference is in the record
-    assert told.gains["left"][0] - told.gains["right"][0] == pytest.approx(0.07, abs=0.03)
+    assert told.plate_gains["left"][0] - told.plate_gains["right"][0] == pytest.approx(0.07, abs=0.03)
 
 
 def test_one_plate_serves():
@@ -149,10 +149,10 @@ def test_below_a_memory_as_long_as_the_window_nothing_is_told():
 def test_the_average_method_in_a_steady_state():
     faces = np.tile([20.0, 5.0], (400, 1))
     steady = average_method(faces, np.full(400, 30.0), 900.0, "left", 3e5)
-    assert steady.resistance == pytest.approx(0.5) and steady.corrected == pytest.approx(0.5)
+    assert steady.resistance == pytest.approx(0.5) and steady.corrected_resistance == pytest.approx(0.5)
     assert steady.complete and steady.days == pytest.approx(400 / 96)
     short = average_method(faces[:280], np.full(280, 30.0), 900.0, "left")
-    assert not short.three_days and not short.complete and short.corrected is None
+    assert not short.three_days and not short.complete and short.corrected_resistance is None
     gone = average_method(faces, np.zeros(400), 900.0, "right")
     assert gone.resistance is None and "no resistance" in str(gone)
 
@@ -177,14 +177,14 @@ def test_the_stored_heat_is_taken_out(face):
     side = ("left", "right").index(face)
     found = average_method(faces[-rows:], j[-rows:, side], 900.0, face, C)
     # the change from the first day's mean to the last's is 19 of 20 days'
-    assert abs(found.corrected / R - 1) < 0.1 * abs(found.resistance / R - 1)
+    assert abs(found.corrected_resistance / R - 1) < 0.1 * abs(found.resistance / R - 1)
 
 
 def test_sensors_and_plates_together():
     alone, joined = (wallid.estimate(case_of(("left",), sensor=sensor)) for sensor in (False, True))
     near(joined.thermal.resistance, R)
     assert joined.std < alone.std
-    assert joined.residual.shape == (ROWS, 2) and joined.sensors == 1
+    assert joined.residual.shape == (ROWS, 2) and joined.sensor_count == 1
 
 
 def test_a_campaign_takes_fluxes_window_by_window(both):
@@ -198,13 +198,13 @@ def test_a_campaign_takes_fluxes_window_by_window(both):
     assert not compiled
     assert found.fits[1].value == wallid.estimate(case, found.windows[1]).value
     told = found.thermal
-    assert found.reliable and found.used == (0, 1) and found.conduction.freedom == 1
+    assert found.reliable and found.used == (0, 1) and found.conductivity_mean.degrees_of_freedom == 1
     near(told.resistance, R)
     near(told.areal_heat_capacity, C)
     near(told.conductivity, CONDUCTIVITY)
     near(told.heat_capacity, CAPACITY)
     assert told.resistance.std < min(fit.thermal.resistance.std for fit in found.fits)
-    assert told.averages[0].days == 6.0 and told.held_out is None
+    assert told.average_methods[0].days == 6.0 and told.held_out is None
     assert "agreement    of the conductivity" in str(found)
 
 
@@ -272,7 +272,7 @@ def bound(case, *, sensors, full):
         everything = np.concatenate([faces.ravel(), record.sensors.ravel() if sensors else []])
         waves = np.sqrt(2) * np.ptp(everything) / n * np.exp(-np.outer(t, rate * (n * np.pi) ** 2))[:, None] * shapes
         common = np.zeros((len(t), 3, 2))
-        common[:, 0] = np.stack([noise_within(face, FACE) for face in faces.T], axis=1)
+        common[:, 0] = np.stack([wiener_filtered_noise(face, FACE) for face in faces.T], axis=1)
         constants = np.concatenate([constants, waves, *([common] if sensors else [])], axis=2)
         for side in (0, 1):
             pulse = np.zeros((len(t) + 1, 2))
@@ -295,20 +295,24 @@ def test_a_design_counts_fluxes_to_the_cramer_rao_bound(sensors):
     case = at_rest()
     if not sensors:
         case = replace(case, sensors=(), record=replace(case.record, sensors=np.empty((ROWS, 0)), names=()))
-    plain, full = (wallid.design(case, full=full).expected_error for full in (False, True))
+    plain, full = (wallid.design(case, full=full).expected_relative_std for full in (False, True))
     assert plain == pytest.approx(bound(at_rest(), sensors=sensors, full=False), rel=3e-3)
     assert full == pytest.approx(bound(at_rest(), sensors=sensors, full=True), rel=1e-2)
     found = wallid.design(case)
-    assert found.full and found.expected_error == full, "where there are plates, all counts unless told otherwise"
-    assert "all that the interval counts" in str(found)
+    assert found.full and found.expected_relative_std == full, (
+        "where there are plates, all counts unless told otherwise"
+    )
+    assert "the full covariance" in str(found)
     if sensors:  # where a further one helps, and other steps, begin with what there is
-        assert wallid.place_sensors(case, places=[0.1]).std_before[0] == pytest.approx(full, rel=1e-9)
+        assert wallid.place_sensors(case, candidates=[0.1]).std_before[0] == pytest.approx(full, rel=1e-9)
         whole = bound(at_rest(gap=False), sensors=True, full=True)
         assert wallid.experiment_design.compare_sampling_steps(case, factors=[1.0]).std[0] == pytest.approx(
             whole, rel=1e-2
         )
     cut = wallid.design(case, restart=False)
-    assert not cut.full and cut.expected_error == pytest.approx(plain, rel=1e-9), "one window: theta from its start"
+    assert not cut.full and cut.expected_relative_std == pytest.approx(plain, rel=1e-9), (
+        "one window: theta from its start"
+    )
 
 
 def test_estimates_from_fluxes_scatter_as_the_design_expects():
@@ -323,7 +327,7 @@ def test_estimates_from_fluxes_scatter_as_the_design_expects():
                 / DIFFUSIVITY
             )
         )
-    expected = wallid.design(case, diffusivities=[DIFFUSIVITY]).expected_error
+    expected = wallid.design(case, diffusivities=[DIFFUSIVITY]).expected_relative_std
     low, high = chi2.ppf([0.001, 0.999], 12)
     assert low < np.sum(np.square(values)) / expected**2 < high
 
@@ -336,7 +340,7 @@ def test_a_reduced_model_learns_fluxes_and_answers_for_its_error(both):
     assert learned.output_names == ("T1", "flux_left", "flux_right")
     still = at_rest(gap=False)
     data, scale = wallid.models.window_data(still), wallid.case.scales(still)
-    u = np.asarray(wallid.models.explicit(learned, scale.fourier(DIFFUSIVITY), data)[0])
+    u = np.asarray(wallid.models.explicit(learned, scale.fourier_number(DIFFUSIVITY), data)[0])
     through = CONDUCTIVITY / LENGTH * scale.temperature * u[:, 1:]
     truth = np.column_stack(list(still.record.regressors.values()))
     assert np.abs(through - truth)[1:].max() < 0.2 * NOISE
@@ -345,7 +349,7 @@ def test_a_reduced_model_learns_fluxes_and_answers_for_its_error(both):
     moved, std = np.log(fit.value / both.value), both.std / both.value
     assert abs(moved) < 0.2 * std and fit.thermal.resistance.value == pytest.approx(R, rel=0.02)
     assert fit.model_shift == pytest.approx(moved, rel=0.2)
-    assert "reduced model of order 8" in str(fit) and "large model" in str(both)
+    assert "reduced-order model of order 8" in str(fit) and "full-order model" in str(both)
 
 
 def written(folder, *, windows=1, **more):
@@ -411,8 +415,8 @@ def test_a_case_with_flux_alone_on_the_command_line(tmp_path):
     assert result["iso_9869"]["flux_left"]["three_days"] is True
     assert result["gap"] is None and result["flux_gap"]["floor_W_per_m2"] == NOISE
     page = check((out / "report.html").read_text("utf-8"))
-    assert "Thermal resistance" in page.text and "gap between model and fluxes" in page.text
-    assert any(image["alt"].startswith("The estimate goes to") for image in page.images)
+    assert "Thermal resistance" in page.text and "residual of the fluxes" in page.text
+    assert any(image["alt"].startswith("The estimate converges to") for image in page.images)
     wrong = CliRunner().invoke(app, ["estimate", written(tmp_path), "--weights", "none", "--out", str(out)])
     assert wrong.exit_code == 2 and "sensor" in wrong.stderr
 
@@ -421,7 +425,7 @@ def test_a_design_of_fluxes_on_the_command_line(tmp_path):
     out = tmp_path / "out"
     result = result_of("design", written(tmp_path), "--out", str(out))
     assert result["design"]["full"] and 0.0 < result["design"]["expected_relative_std"] < 0.01
-    assert (out / "design.png").exists() and "Which days tell most" in (out / "report.html").read_text("utf-8")
+    assert (out / "design.png").exists() and "Experiment design" in (out / "report.html").read_text("utf-8")
 
 
 def test_all_windows_of_fluxes_on_the_command_line(tmp_path):
@@ -460,6 +464,6 @@ def test_the_london_wall(measured):
     assert fit.reliable
     assert 0.42 < told.resistance.value < 0.46
     assert 300e3 < told.areal_heat_capacity.value < 345e3
-    assert [round(one.resistance, 3) for one in told.averages] == [0.372, 0.465], "as published of this record"
+    assert [round(one.resistance, 3) for one in told.average_methods] == [0.372, 0.465], "as published of this record"
     print(told.held_out)
     assert told.held_out.coverage > 0.85

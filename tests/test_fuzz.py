@@ -4,8 +4,8 @@ import json
 import shutil
 
 import pytest
-from benchmarks.fuzz import examine, outcome, plain_record, write_case
-from benchmarks.mutilations import ENCODINGS, LINES, RECORD_KEYS, mutilate
+from benchmarks.stress.fuzz import examine, outcome, plain_record, write_case
+from benchmarks.stress.mutilations import ENCODINGS, LINES, RECORD_KEYS, mutilate
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -23,7 +23,7 @@ def house(tmp_path_factory):
 def test_the_plain_file_is_in_order(house):
     write_case(house, plain_record().encode(), "")
     assert examine(house) == 0
-    assert wallid.load(house).record.cleaning.untouched
+    assert wallid.load(house).record.cleaning.unchanged
 
 
 @settings(max_examples=2000, suppress_health_check=list(HealthCheck))

@@ -1,4 +1,4 @@
-"""Intervals against truths that are drawn by `benchmarks.slab` (no part of wallid), and against bounds."""
+"""Intervals against truths that are drawn from an analytic slab (no part of wallid), and against bounds."""
 
 import json
 from dataclasses import replace
@@ -6,9 +6,9 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from benchmarks import ice, interval
-from benchmarks.slab import temperatures
-from benchmarks.twins import slab_response
+from benchmarks.accuracy import ice, interval
+from benchmarks.reference.analytic_slab import temperatures
+from benchmarks.reference.synthetic_twins import slab_response
 from numpy.testing import assert_allclose
 from scipy.fft import dct
 from scipy.linalg import solve_banded, toeplitz
@@ -21,7 +21,7 @@ from wallid.case.initial_profile import profile_degree, scales
 from wallid.cli.commands import app
 from wallid.estimation import conclusion as conclude
 from wallid.inference.noise_covariance import NoiseShape, bins_of, thinned
-from wallid.inference.nuisance_parameters import noise_within
+from wallid.inference.nuisance_parameters import wiener_filtered_noise
 from wallid.inference.position_errors import face_position_response
 from wallid.inference.validity import distinguishable_range
 from wallid.inference.whittle_likelihood import dct_spectrum, edge_spectrum
@@ -33,7 +33,7 @@ STATED = {"noise": "stated"}
 
 
 def drawn(kind, seed, **choices):
-    """A case of `benchmarks.interval`, its true faces and its errors."""
+    """A case of `benchmarks.accuracy.interval`, its true faces and its errors."""
     errors = interval.KINDS[kind]
     faces, measured, readings = interval.draw(errors, seed)
     case = interval.case_of(errors, measured, readings)
@@ -67,7 +67,7 @@ def test_the_standard_error_is_the_cramer_rao_bound(kind):
 
 
 def test_intervals_hold_the_truth():
-    """`benchmarks.interval` takes 2000 of each kind; of 20 that hold with 95 %, 15 do in all but 0.03 % of cases."""
+    """The benchmark takes 2000 of each kind; of 20 that hold with 95 %, 15 do in all but 0.03 % of cases."""
     for kind in ("propagated", "positions"):
         rows = interval.many(kind, range(500, 520))
         assert all(row.reliable for row in rows)
@@ -81,13 +81,15 @@ def test_an_interval_that_forgets_the_faces_is_too_small():
     counted = estimated(case)
     forgotten = estimated(replace(case, record=replace(case.record, boundary_noise_std=0.0)))
     assert counted.std > 2 * forgotten.std / np.sqrt(max(1.0, forgotten.reduced_chi_square))
-    assert counted.shares["faces' noise"] > 0.25 and sum(counted.shares.values()) == pytest.approx(1.0)
+    assert counted.variance_shares["faces' noise"] > 0.25 and sum(counted.variance_shares.values()) == pytest.approx(
+        1.0
+    )
 
 
 def test_memory_in_the_noise_is_found_and_counted():
     case, *_ = drawn("correlated", 5)
     fit, stated = estimated(case), estimated(replace(case, choices=replace(case.choices, **STATED)))
-    assert "correlation" in fit.noise and stated.noise == "noise as stated"
+    assert "correlation" in fit.noise_description and stated.noise_description == "noise as stated"
     assert fit.std > 1.3 * stated.std
 
 
@@ -115,7 +117,7 @@ def test_the_places_of_the_faces_sensors_are_counted():
     counted, forgotten = np.sum(held, axis=0)
     assert counted >= 15 and forgotten < 12
     fit = estimated(interval.case_of(kind, measured, readings))
-    assert fit.shares["faces' places"] > 0.1
+    assert fit.variance_shares["faces' places"] > 0.1
     assert all(abs(value) < 4 * kind.face_position and std < 1.2 * kind.face_position
                for value, std in fit.face_positions.values())  # fmt: skip
     assert "position     left face" in str(fit)
@@ -133,7 +135,7 @@ def test_what_a_faces_place_does_to_the_readings():
     def run_between(left, right):
         wall = wallid.Wall(length=length + right - left, diffusivity_prior=alpha)
         moved = [replace(one, position=one.position - left if one.position else 0.0) for one in outputs]
-        fourier = jnp.asarray(scales(case).fourier(alpha) * (length / wall.length) ** 2)
+        fourier = jnp.asarray(scales(case).fourier_number(alpha) * (length / wall.length) ** 2)
         found = (
             data.temperature
             * run(finite_volume_model(wall, moved, nodes=61, profile_degree=profile_degree(case)), fourier, data)[0]
@@ -157,7 +159,7 @@ def test_what_contradicts_the_instruments_as_stated_is_not_relied_on():
     readings = interval.truth(faces, np.array(interval.PLACES) + np.array([0.0, 0.015, 0.0])) + noise
     fit = estimated(interval.case_of(errors, faces[-interval.ROWS :], readings))
     assert not fit.reliable and fit.reason.startswith("the position error of T1 would be +0.01")
-    assert "times what the case states" in fit.reason and "wallid diagnose" in fit.reason
+    assert "times its stated standard deviation" in fit.reason and "wallid diagnose" in fit.reason
 
 
 @pytest.mark.parametrize(("moves", "stated", "says"), [(0.02, 0.1, False), (1.0, 0.1, True), (0.02, 0.005, True)])
@@ -171,7 +173,7 @@ def test_sensors_too_coarse_for_what_moves_say_nothing(moves, stated, says):
     readings = interval.truth(moves * faces, places) + (error if stated == 0.1 else 0.0) + noise
     case = interval.case_of(interval.Errors(0.002, 0.002, offset=stated), moves * faces[-interval.ROWS :], readings)
     fit = estimated(case)
-    assert fit.reliable is says and ("K that the case states of its error" in fit.reason) is not says
+    assert fit.reliable is says and ("less than its stated offset_std" in fit.reason) is not says
     assert fit.value == pytest.approx(interval.DIFFUSIVITY * (1 if says else 2), rel=0.05)
 
 
@@ -207,7 +209,7 @@ def test_a_diffusivity_that_changes_in_the_window_is_not_relied_on(later):
 
 def test_a_steady_diffusivity_is_called_unsteady_as_often_as_chance_says(monkeypatch):
     seen = []
-    monkeypatch.setattr(conclude, "why_unsteady", lambda settled: seen.append(settled.steadiness) or "")
+    monkeypatch.setattr(conclude, "why_unsteady", lambda fit: seen.append(fit.constancy_p_value) or "")
     for kind in ("propagated", "correlated"):
         interval.many(kind, range(600, 630))
     assert len(seen) == 60
@@ -261,8 +263,8 @@ def test_what_of_a_faces_readings_may_be_noise():
     rng = np.random.default_rng(3)
     t = np.arange(400)
     signal, noise = 5 * np.sin(2 * np.pi * t / 24), 0.1 * rng.standard_normal(400)
-    assert np.corrcoef(noise_within(signal + noise, 0.1), noise)[0, 1] > 0.7
-    assert np.std(noise_within(signal, 0.1)) < 0.05, "what varies more than noise is none"
+    assert np.corrcoef(wiener_filtered_noise(signal + noise, 0.1), noise)[0, 1] > 0.7
+    assert np.std(wiener_filtered_noise(signal, 0.1)) < 0.05, "what varies more than noise is none"
 
 
 def test_readings_far_apart_are_thinned_and_not_taken_for_means():
@@ -298,14 +300,14 @@ def test_the_range_that_a_window_can_tell():
     [
         ("borehole_248", "2014-12-01", True, ""),
         ("borehole_248", "2014-12-15", True, ""),
-        ("borehole_248", "2014-12-29", False, "would move T_1m by 0.03"),
+        ("borehole_248", "2014-12-29", False, "would change T_1m by 0.03"),
         ("borehole_248", "2015-01-12", False, "reaches the bound"),
         # what had been stirred up in the hole until the day before
-        ("borehole_247", "2014-12-01", False, "times what the case states"),
+        ("borehole_247", "2014-12-01", False, "times its stated standard deviation"),
     ],
 )
 def test_the_ice_is_known_or_nothing_is_said(measured, tmp_path, borehole, start, informative, reason):
-    """The issue's figure on some of its fortnights; `benchmarks.ice` takes all of them."""
+    """The issue's figure on some of its fortnights; `benchmarks.accuracy.ice` takes all of them."""
     found = next(f for f in ice.fortnights(measured, borehole, tmp_path) if f.start == start)
     assert found.informative is informative and reason in found.reason
     assert found.right and (not informative or found.high < 1.5 * found.low)

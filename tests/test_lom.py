@@ -3,7 +3,7 @@ import hypothesis.strategies as st
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from benchmarks.make_examples import slab_response
+from benchmarks.reference.make_examples import slab_response
 from scipy.integrate import solve_ivp
 from systems import DAY, LENGTH, faces, fourier, slab
 

@@ -6,13 +6,13 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from benchmarks.discrepancy import truth
+from benchmarks.reference import simulator_with_effects as truth
 from numpy.testing import assert_allclose
 from scipy.linalg import toeplitz
 from studies import SPEC, prepare, vector
 
 from wallid.discrepancy.model_with_effects import Bins, predict
-from wallid.discrepancy.residual_noise import Noise, NoiseModel, estimate_noise
+from wallid.discrepancy.residual_noise import DiagnosisNoiseShape, Noise, estimate_noise
 
 HOURLY = replace(
     SPEC, step=3600.0, days=12.0, positions=(0.04, 0.13), noise_std=0.05, boundary_noise_std=0.08, noise_seed=3
@@ -23,7 +23,7 @@ HOURLY = replace(
 def hourly(tmp_path_factory):
     study, _ = prepare(tmp_path_factory.mktemp("hourly"), HOURLY)
     theta = vector(study, HOURLY.diffusivity)
-    return study, theta, NoiseModel(study, theta)
+    return study, theta, DiagnosisNoiseShape(study, theta)
 
 
 def binned(study, rows, present=None):
@@ -58,10 +58,10 @@ def test_an_error_of_a_face_answers_as_a_change_of_its_reading(hourly):
     """A straight line up to a row and down from it, added to the faces' courses anywhere, is the response moved."""
     study, theta, model = hourly
     for face, row in ((0, 40), (1, 7)):
-        faces = np.zeros(study.model.campaign.faces.shape)
+        faces = np.zeros(study.model.forcing.faces.shape)
         faces[row - 1, 1, face] = 1.0
         faces[row, :2, face] = 1.0, -1.0
-        moved = eqx.tree_at(lambda m: m.campaign.faces, study.model, study.model.campaign.faces + faces)
+        moved = eqx.tree_at(lambda m: m.forcing.faces, study.model, study.model.forcing.faces + faces)
         change = np.asarray(predict(moved, jnp.asarray(theta), True) - predict(study.model, jnp.asarray(theta), True))
         assert np.abs(change[:row]).max() < 1e-9
         assert_allclose(change[row:], model.response[face, : len(change) - row], rtol=0, atol=1e-9)
@@ -105,7 +105,7 @@ def test_bins_have_the_covariance_of_means(hourly):
     """The faces' noise inside a bin is spread over it: the own noise is exact, the faces' within some percent."""
     study, theta, model = hourly
     rows = 4
-    together = NoiseModel(binned(study, rows), theta)
+    together = DiagnosisNoiseShape(binned(study, rows), theta)
     sizes = (0.3, 0.8, 0.9)
     M = means(np.asarray(study.bins.present), rows)
     want = M @ dense(model, *sizes) @ M.T
@@ -119,7 +119,7 @@ def test_bins_have_the_covariance_of_means(hourly):
 @pytest.mark.parametrize("rows", [1, 2, 5])
 @pytest.mark.parametrize("rho", [0.0, 0.6, 0.95])
 def test_the_autocovariance_of_means_of_an_autoregression(rows, rho):
-    together = object.__new__(NoiseModel)
+    together = object.__new__(DiagnosisNoiseShape)
     together.rows_per_bin, together.count = rows, 9
     C = rho ** np.abs(np.subtract.outer(np.arange(9 * rows), np.arange(9 * rows)))
     M = np.kron(np.eye(9), np.full((1, rows), 1 / rows))
@@ -131,14 +131,14 @@ def test_missing_readings_neither_count_nor_tell(hourly):
     rng = np.random.RandomState(5)
     present = (rng.uniform(size=study.bins.present.shape) > 0.3).astype(float)
     present[20:28, 0] = 0.0
-    found = NoiseModel(binned(study, 1, present), theta).noise(0.7, 0.5, 0.8)
+    found = DiagnosisNoiseShape(binned(study, 1, present), theta).noise(0.7, 0.5, 0.8)
     there, want = present.T.reshape(-1) > 0, dense(model, 0.7, 0.5, 0.8)
     assert_allclose(found.covariance[np.ix_(there, there)], want[np.ix_(there, there)], atol=1e-12 * want.max())
     assert_allclose(found.covariance[~there], np.eye(len(there))[~there])
     assert_allclose(found.whiten @ found.covariance @ found.whiten.T, np.eye(len(there)), atol=1e-9)
     # a bin with fewer rows has more of the sensor's white noise; what of the faces' comes through is a whole bin's
     M = means(present, 4)
-    some = NoiseModel(binned(study, 4, present), theta).noise(0.7, 0.5, 0.8)
+    some = DiagnosisNoiseShape(binned(study, 4, present), theta).noise(0.7, 0.5, 0.8)
     gone = M.sum(axis=1) == 0
     assert gone.sum() >= 2
     assert_allclose(some.covariance[gone], np.eye(len(M))[gone])

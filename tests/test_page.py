@@ -14,22 +14,22 @@ from pages import check, drawings
 
 import wallid
 from wallid import plot, workflow
-from wallid._internal.number_formats import number, prose, quantity
+from wallid._internal.number_formats import format_number, format_quantity, format_text
 from wallid.case.initial_profile import fit_profile
 from wallid.case.record_check import check as check_record
 from wallid.case.time_window import Window
 from wallid.estimation.result_objects import Estimate
 from wallid.models.window_inputs import full_order_model
-from wallid.plot.house_style import KEEP
+from wallid.plot.house_style import KEEP_COLOUR
 from wallid.reduction.modal_identification import LearnedModel
 from wallid.report import captions
 from wallid.report import writer as report
-from wallid.report.captions import alternative, caption
-from wallid.report.figures import STEMS, encode
-from wallid.report.page import answer, page
-from wallid.report.settings import settings
-from wallid.report.svg import draw
-from wallid.report.tables import tables
+from wallid.report.captions import alternative_text, figure_caption
+from wallid.report.figures import STEMS, encode_figure
+from wallid.report.page import answer, render_page
+from wallid.report.settings import settings_tables
+from wallid.report.svg import draw_figure
+from wallid.report.tables import number_tables
 from wallid.workflow import Run
 
 
@@ -45,17 +45,17 @@ def fit(run):
     rows = 30
     predicted = np.tile(np.linspace(5.0, 9.0, rows)[:, None], (1, 3))
     return Estimate(
-        value=1e-6, std=2.5e-8, interval_95=(0.9e-6, 1.1e-6), offsets={}, result="", reliable=True, reason="",
+        value=1e-6, std=2.5e-8, interval_95=(0.9e-6, 1.1e-6), offsets={}, message="", reliable=True, reason="",
         iterations=0, evaluations=0, history={"diffusivity": np.array([2.8e-7, 1e-6])}, reduced_chi_square=1.0,
         predicted=predicted, residual=0.1 * predicted, covariance=np.eye(1), singular_values=np.ones(1),
-        model_shift=0.0, profile=fit_profile(run.case, 10), model="", window=Window(10, rows),
+        model_shift=0.0, profile=fit_profile(run.case, 10), model_description="", window=Window(10, rows),
     )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def written(run, tmp_path_factory):
     folder = tmp_path_factory.mktemp("out")
-    report.write(run, folder, "wallid design saint_julien")
+    report.write_report(run, folder, "wallid design saint_julien")
     return folder / "report.html"
 
 
@@ -68,7 +68,7 @@ def test_a_page_is_whole_and_fetches_nothing(written):
 def test_what_a_case_says_is_text_and_not_markup(run):
     """A name from a file goes through the template's escaping."""
     case = replace(run.case, name="<script>alert(1)</script>", description="a & b")
-    text = page(Run(case), report.result(Run(case)), [])
+    text = render_page(Run(case), report.result_entries(Run(case)), [])
     assert "<script>alert" not in text and "&lt;script&gt;" in text and "a &amp; b" in text
 
 
@@ -87,35 +87,35 @@ def test_every_number_is_in_a_table():
         "iso_9869": {"flux_left": {"resistance": 0.4, "unit": "m2 K/W", "days": 3.0}},
         "loads": {"conductivity": 1.75},
     }
-    found = {table.title: table for table in tables(result)}
+    found = {table.title: table for table in number_tables(result)}
     assert found["overview"].rows == [
         ("version of result.json's format", "1"),
         ("diffusivity", "1.06 × 10⁻⁶ ± 1.2 × 10⁻⁸ (95 %: 1.04 × 10⁻⁶ to 1.08 × 10⁻⁶) m²/s"),
-        ("verdict on missing effects", "not asked for (wallid diagnose)"),
+        ("verdict on missing effects", "not requested (wallid diagnose)"),
     ]
-    assert ("solar gain of right drop of −2 log L", "790") in found["effects named"].rows
-    gap = found["gap between model and readings (root mean square)"]
+    assert ("solar gain of right gain (decrease of −2 log L)", "790") in found["identified effects"].rows
+    gap = found["residual at the inner sensors (root mean square)"]
     assert gap.head == ("quantity", "value")
-    assert gap.rows == [("plain model (K)", "0.3125"), ("days held out, final model (K)", "–")]
+    assert gap.rows == [("plain model (K)", "0.3125"), ("held-out days, final model (K)", "–")]
     record = found["record"].rows
     assert record == [("step (s)", "600"), ("readings missing T s", "3")], "a column's name is no unit"
     steps = found["convergence of the estimate, step by step"]
     assert steps.head == ("diffusivity (m²/s)", "cost") and steps.rows == [("2 × 10⁻⁷", "50"), ("1 × 10⁻⁶", "3")]
     matrix = found["identifiability: correlations of the parameters"]
     assert matrix.head == ("", "a", "b") and matrix.rows == [("a", "1", "0.25"), ("b", "0.25", "1")]
-    errors = found["error of the reduced model by order (dimensionless)"]
+    errors = found["error of the reduced-order model by order (dimensionless)"]
     assert errors.head[0] == "order" and errors.rows == [("2", "0.5"), ("4", "0.01")]
     assert found["calibration errors of the flux plates (relative)"].rows == [("flux left", "0.05 ± 0.01")]
     iso = found["average method (ISO 9869-1)"]
     assert iso.head == ("", "resistance (m² K/W)", "days") and iso.rows == [("flux left", "0.4", "3")]
-    assert found["heat through the inner face"].rows == [("conductivity (W/m/K)", "1.75")]
+    assert found["heat load through the inner face"].rows == [("conductivity (W/m/K)", "1.75")]
 
 
 def test_sizes_by_window_are_a_table_and_their_agreement_a_number():
     windows = {"days": [1.0, 2.0], "size": [None, 3.0], "std": [None, 0.5], "p_value": None}
     effect = {"name": "sensor_lag", "target": "T1", "gain": 9.0, "windows": windows}
-    found = {table.title: table for table in tables({"effects": [effect]})}
-    assert ("sensor lag of T1 windows p-value", "–") in found["effects named"].rows
+    found = {table.title: table for table in number_tables({"effects": [effect]})}
+    assert ("sensor lag of T1 windows p-value", "–") in found["identified effects"].rows
     (sizes,) = (table for title, table in found.items() if "windows" in title)
     assert sizes.rows == [("1", "–", "–"), ("2", "3", "0.5")]
 
@@ -135,17 +135,17 @@ def test_sizes_by_window_are_a_table_and_their_agreement_a_number():
     ],
 )
 def test_a_number_as_a_person_reads_it(value, said):
-    assert number(value) == said
+    assert format_number(value) == said
 
 
 def test_a_value_has_no_digits_past_its_uncertainty():
-    assert quantity({"value": -3.39e-7, "std": 0.00118, "unit": "m"}) == "0 ± 0.0012 m"
-    assert quantity({"value": 1.10095e-6, "std": 2.57e-8, "unit": "m2/s"}) == "1.101 × 10⁻⁶ ± 2.6 × 10⁻⁸ m²/s"
+    assert format_quantity({"value": -3.39e-7, "std": 0.00118, "unit": "m"}) == "0 ± 0.0012 m"
+    assert format_quantity({"value": 1.10095e-6, "std": 2.57e-8, "unit": "m2/s"}) == "1.101 × 10⁻⁶ ± 2.6 × 10⁻⁸ m²/s"
 
 
 def test_prose_has_the_powers_and_units_of_a_person():
     told = "1.166e-06 +- 3e-09 m2/s at 0.4354 m2 K/W, 20 degC; m2_sensor and case-2e stay"
-    assert prose(told) == "1.166 × 10⁻⁶ ± 3 × 10⁻⁹ m²/s at 0.4354 m² K/W, 20 °C; m2_sensor and case-2e stay"
+    assert format_text(told) == "1.166 × 10⁻⁶ ± 3 × 10⁻⁹ m²/s at 0.4354 m² K/W, 20 °C; m2_sensor and case-2e stay"
 
 
 def drawing(run, drawn_by, stem="wall"):
@@ -153,7 +153,7 @@ def drawing(run, drawn_by, stem="wall"):
     made, ax = plot.figure()
     drawn_by(ax)
     made.savefig(BytesIO(), format="png")
-    page_ = check(page(run, report.result(run), [draw(stem, made)]))
+    page_ = check(render_page(run, report.result_entries(run), [draw_figure(stem, made)]))
     return drawings(page_)[-1]
 
 
@@ -172,12 +172,12 @@ def test_no_tick_of_a_logarithmic_axis_stays_black(run):
 def test_letters_on_a_ground_of_their_own_keep_their_colour(run):
     def cells(ax):
         ax.pcolormesh([[0.1, 0.9]], cmap="cividis")
-        ax.text(0.5, 0.5, "dark", color="white", gid=KEEP)
-        ax.text(1.5, 0.5, "bright", color="black", gid=KEEP)
+        ax.text(0.5, 0.5, "dark", color="white", gid=KEEP_COLOUR)
+        ax.text(1.5, 0.5, "bright", color="black", gid=KEEP_COLOUR)
 
     svg = drawing(run, cells)
     assert svg.count('"fill: #ffffff"') == svg.count('"fill: #000"') == 1
-    assert KEEP not in svg
+    assert KEEP_COLOUR not in svg
 
 
 def test_names_on_the_wall_are_read_on_its_own_colour(run):
@@ -193,17 +193,20 @@ def test_a_light_grey_band_lets_the_page_through(run):
 def test_the_first_lines_name_the_quantity_and_whether_the_model_fits(run, fit):
     """A stranger reads what the number is, and from which sizes it is told that something is missing."""
     found = Run(run.case, fit=fit)
-    result = report.result(found) | {"reliability": {"rms_K": 0.2, "noise_K": 0.1}}
-    text = page(found, result, [])
+    result = report.result_entries(found) | {"reliability": {"rms_K": 0.2, "noise_K": 0.1}}
+    text = render_page(found, result, [])
     first = text[text.index("<main") : text.index("<nav")]
     assert "Diffusivity" in first and "1 × 10⁻⁶ m²/s" in first and "e-0" not in first
-    assert "off by 0.2 K, where the sensors' noise explains 0.1 K" in unescape(first) and "wallid diagnose" in first
+    assert (
+        "residual is 0.2 K. The stated sensor noise explains only 0.1 K" in unescape(first)
+        and "wallid diagnose" in first
+    )
     result["reliability"]["rms_K"] = 0.11
-    assert "no more than the sensors' noise" in answer(found, result)
+    assert "The stated sensor noise of 0.1 K explains it" in answer(found, result)
 
 
 def test_settings_are_shown_as_used(run):
-    found = {table.title: table for table in settings(run.case)}
+    found = {table.title: table for table in settings_tables(run.case)}
     assert ("length (m)", "0.43") in found["[wall]"].rows and ("boundary_noise_std (K)", "0.1") in found[
         "[record]"
     ].rows
@@ -213,13 +216,13 @@ def test_settings_are_shown_as_used(run):
 
 def test_only_what_is_shown_is_told(run, fit):
     """The window is shaded where there is one; a check's yellow is another."""
-    assert "shaded" not in alternative("record", run) and "band" not in caption("record", run)
+    assert "shaded" not in alternative_text("record", run) and "band" not in figure_caption("record", run)
     found = Run(run.case, fit=fit)
-    assert "shaded" in alternative("record", found) and "yellow band" in caption("record", found)
+    assert "shaded" in alternative_text("record", found) and "yellow band" in figure_caption("record", found)
     checked = Run(run.case, check=check_record(run.case))
-    assert "orange where a face was interpolated" in caption("record", checked)
+    assert "Orange: interpolated face temperatures" in figure_caption("record", checked)
     learned = LearnedModel(full_order_model(run.case), (1e-4, 2e-3), (1e-3, 2e-2), 1.0, 1)
-    assert "order 99: 1.0 × 10⁻³ (temperature), 2.0 × 10⁻² (sensitivity)" in alternative(
+    assert "order 99: 1.0 × 10⁻³ (temperature), 2.0 × 10⁻² (sensitivity)" in alternative_text(
         "orders", Run(run.case, orders=[learned])
     )
 
@@ -235,25 +238,25 @@ def test_orders_tried_on_the_way_are_told(run, monkeypatch):
     monkeypatch.setattr(workflow, "learn", learn)
     found = workflow.run(run.case, stages=("learn",), window=Window(0, 72))
     assert found.orders == [tried]
-    assert report.result(found)["orders"] == [
+    assert report.result_entries(found)["orders"] == [
         {"order": 99, "eps_inf_u": 1e-3, "eps_inf_theta": 2e-2, "eps_2_u": 1e-4, "eps_2_theta": 2e-3}
     ]
 
 
 def test_another_commands_report_is_kept_and_linked(run, tmp_path):
     """A diagnosis beside a run: both pages are there, and each names the other."""
-    report.write(run, tmp_path, "wallid run saint_julien")
+    report.write_report(run, tmp_path, "wallid run saint_julien")
     first = json.loads((tmp_path / "result.json").read_text("utf-8"))
-    written = report.write(run, tmp_path, "wallid diagnose saint_julien")
+    written = report.write_report(run, tmp_path, "wallid diagnose saint_julien")
     assert {"report-run.html", "result-run.json"} <= {path.name for path in written}
     assert json.loads((tmp_path / "result-run.json").read_text("utf-8")) == first
     pages = {name: check((tmp_path / name).read_text("utf-8")) for name in ("report.html", "report-run.html")}
     assert "report-run.html" in pages["report.html"].links and "report.html" in pages["report-run.html"].links
     # again: the same command takes its own place, and what was kept stays
-    report.write(run, tmp_path, "wallid diagnose saint_julien")
+    report.write_report(run, tmp_path, "wallid diagnose saint_julien")
     again = check((tmp_path / "report.html").read_text("utf-8"))
     assert "report-run.html" in again.links and not (tmp_path / "report-diagnose.html").exists()
-    report.write(run, tmp_path, "wallid run saint_julien")
+    report.write_report(run, tmp_path, "wallid run saint_julien")
     names = {path.name for path in tmp_path.iterdir()}
     assert "report-diagnose.html" in names and "report-run.html" not in names
 
@@ -261,7 +264,7 @@ def test_another_commands_report_is_kept_and_linked(run, tmp_path):
 def test_every_figure_has_its_caption_and_its_place_on_the_page():
     assert set(captions._CAPTIONS) == set(STEMS)
     template = resources.files("wallid.report").joinpath("templates/report.html").read_text("utf-8")
-    assert {stem for stem in STEMS if f'picture("{stem}")' in template} == set(STEMS)
+    assert {stem for stem in STEMS if f'show_figure("{stem}")' in template} == set(STEMS)
 
 
 def test_the_wall_is_drawn_to_scale(run):
@@ -278,8 +281,8 @@ def test_the_wall_is_drawn_to_scale(run):
 
 def test_figures_come_in_the_formats_asked_for(run, tmp_path):
     """Beside the page, the same bytes each time; another format's files of an earlier run go."""
-    report.write(run, tmp_path, formats=report.parse_formats("png"))
-    written = [path.name for path in report.write(run, tmp_path, formats=report.parse_formats("SVG, pdf,svg"))]
+    report.write_report(run, tmp_path, formats=report.parse_formats("png"))
+    written = [path.name for path in report.write_report(run, tmp_path, formats=report.parse_formats("SVG, pdf,svg"))]
     assert (
         {path.name for path in tmp_path.iterdir()}
         == set(written)
@@ -293,7 +296,7 @@ def test_figures_come_in_the_formats_asked_for(run, tmp_path):
     first = (tmp_path / "record.svg").read_text("utf-8")
     root = ElementTree.fromstring(first)
     assert root.tag.endswith("svg") and "temperature" in first
-    report.write(run, tmp_path, formats=("svg",))
+    report.write_report(run, tmp_path, formats=("svg",))
     assert (tmp_path / "record.svg").read_text("utf-8") == first
     assert not (tmp_path / "record.pdf").exists()
 
@@ -310,7 +313,7 @@ def test_many_readings_do_not_swell_a_drawing():
     x = np.linspace(0.0, 7.0, 10_080)
     ax.plot(x, np.sin(x), ".", label="measured")
     ax.plot(x[:200], np.cos(x[:200]), "o")
-    text = encode(made, "svg", salt="week").decode()
+    text = encode_figure(made, "svg", salt="week").decode()
     assert len(text) < 200_000 and text.count("<image") == 1 and text.count("<use") > 200
 
 
@@ -321,8 +324,8 @@ def test_a_page_stays_under_3_mb_whatever_it_shows(run):
         made, ax = plot.figure()
         for _ in range(6):
             ax.plot(np.cumsum(rng.normal(size=19_000)))
-        figures.append(draw(stem, made))
-    text = page(run, report.result(run), figures)
+        figures.append(draw_figure(stem, made))
+    text = render_page(run, report.result_entries(run), figures)
     assert 100_000 < len(check(text).text.encode()) < 3e6
 
 

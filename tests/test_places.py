@@ -1,20 +1,21 @@
-"""Where a further sensor helps, D, A and E, robustness and sampling, against the sine series of `benchmarks.slab`."""
+"""Where a further sensor helps, D, A and E, robustness and sampling, against the sine series of an analytic slab."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.slab import temperatures, weather
+from benchmarks.reference.analytic_slab import temperatures, weather
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.linalg import block_diag, toeplitz
 
 import wallid
-from wallid.case.case_file import Choices
-from wallid.experiment_design.fisher_information import merit, size
-from wallid.inference.nuisance_parameters import noise_within
+from wallid.case.options import Choices
+from wallid.experiment_design.fisher_information import criterion_value, relative_criterion
+from wallid.inference.nuisance_parameters import wiener_filtered_noise
 
 LENGTH, ALPHA, STEP, ROWS, MODES = 0.4, 7e-7, 3600.0, 72, 8
 THERE, CANDIDATES = (0.08, 0.31), (0.06, 0.15, 0.2, 0.25, 0.34)
@@ -51,7 +52,7 @@ def case():
 
 @pytest.fixture(scope="module")
 def found(case):
-    return wallid.place_sensors(case, places=CANDIDATES, count=2)
+    return wallid.place_sensors(case, candidates=CANDIDATES, count=2)
 
 
 def truth(case, places, stride=1, alpha=ALPHA):
@@ -76,7 +77,9 @@ def truth(case, places, stride=1, alpha=ALPHA):
     everything = np.concatenate([faces.ravel(), inner[np.isfinite(inner)]])
     span = max(1.0, np.ptp(everything))
     shared = [np.sqrt(2) * span / n * waves]
-    shared.append(np.repeat(np.stack([noise_within(f[at], FACE) for f in faces.T], axis=1)[:, None], len(x), axis=1))
+    shared.append(
+        np.repeat(np.stack([wiener_filtered_noise(f[at], FACE) for f in faces.T], axis=1)[:, None], len(x), axis=1)
+    )
     shared = np.concatenate(shared, axis=2)
     R = NOISE**2 * np.eye(len(t) * len(x))
     for side in (0, 1):
@@ -108,7 +111,7 @@ def test_a_further_sensor_adds_what_its_readings_tell(case, found):
     want = [truth_std(case, (*THERE, x)) for x in CANDIDATES]
     assert_allclose(found.std[0, 0], want, rtol=3e-3)
     assert found.best == CANDIDATES[int(np.argmin(want))]
-    assert_allclose(found.gain[0], (found.std_before[0] / found.std[0, 0]) ** 2)
+    assert_allclose(found.criterion_gain[0], (found.std_before[0] / found.std[0, 0]) ** 2)
 
 
 def test_the_next_one_is_placed_beside_the_first(case, found):
@@ -129,42 +132,42 @@ def test_d_a_and_e_of_the_constants(case):
     }
     for kind, value in want.items():
         design = wallid.design(case, window_days=3, full=True, criterion=kind, of="constants")
-        assert design.sizes[0, 0] == pytest.approx(value, rel=5e-3)
-        assert design.expected_error == pytest.approx(truth_std(case, THERE), rel=3e-3)
+        assert design.criterion_values[0, 0] == pytest.approx(value, rel=5e-3)
+        assert design.expected_relative_std == pytest.approx(truth_std(case, THERE), rel=3e-3)
 
 
 def test_with_one_parameter_they_are_one(case):
     found = [wallid.design(case, window_days=1, criterion=kind, full=True) for kind in "DAE"]
     for other in found[1:]:
         assert_allclose(other.criterion, found[0].criterion)
-    assert "D, A and E agree" in str(found[0]) and "all that the interval counts" in str(found[0])
+    assert "D, A and E agree" in str(found[0]) and "the full covariance" in str(found[0])
 
 
 @pytest.mark.parametrize(("criterion", "of"), [("D", "all"), ("A", "constants"), ("E", "all")])
 def test_a_sensor_never_tells_less(case, criterion, of):
-    found = wallid.place_sensors(case, places=CANDIDATES, criterion=criterion, of=of)
-    assert np.all(found.gain >= 1 - 1e-9) and np.all(found.std[0] <= found.std_before[:, None] * (1 + 1e-9))
+    found = wallid.place_sensors(case, candidates=CANDIDATES, criterion=criterion, of=of)
+    assert np.all(found.criterion_gain >= 1 - 1e-9) and np.all(found.std[0] <= found.std_before[:, None] * (1 + 1e-9))
 
 
 def test_a_symmetric_wall_has_symmetric_places():
     case = case_of(still_at_first(symmetric=True), (0.2, 0.2001))
-    found = wallid.place_sensors(case, places=(0.06, 0.15, 0.2, 0.25, 0.34))
+    found = wallid.place_sensors(case, candidates=(0.06, 0.15, 0.2, 0.25, 0.34))
     assert_allclose(found.std[0, 0], found.std[0, 0, ::-1], rtol=1e-3)  # the second sensor is 0.1 mm off
 
 
 def test_robust_over_the_diffusivity(case):
     alphas = (ALPHA, ALPHA / 4, 4 * ALPHA)
-    each = [wallid.place_sensors(case, places=CANDIDATES, diffusivities=[alpha]) for alpha in alphas]
-    sizes = np.array([one.after[0, 0] for one in each])
+    each = [wallid.place_sensors(case, candidates=CANDIDATES, diffusivities=[alpha]) for alpha in alphas]
+    sizes = np.array([one.criterion_after[0, 0] for one in each])
     share = sizes / sizes.max(axis=1, keepdims=True)
     for robust, over in (("expected", np.exp(np.log(share).mean(axis=0))), ("worst", share.min(axis=0))):
-        found = wallid.place_sensors(case, places=CANDIDATES, diffusivities=alphas, robust=robust)
-        assert_allclose(found.merit(), over)
+        found = wallid.place_sensors(case, candidates=CANDIDATES, diffusivities=alphas, robust=robust)
+        assert_allclose(found.relative_criterion(), over)
         assert found.best == CANDIDATES[int(np.argmax(over))]
     design = wallid.design(case, window_days=1, robust="worst")
     assert len(design.diffusivities) == 5 and design.diffusivities[0] == ALPHA
-    assert_allclose(design.merit, design.criterion.min(axis=0) / design.criterion.min(axis=0).max())
-    assert design.best.row == design.starts[np.argmax(design.merit)]
+    assert_allclose(design.relative_criterion, design.criterion.min(axis=0) / design.criterion.min(axis=0).max())
+    assert design.best.row == design.starts[np.argmax(design.relative_criterion)]
 
 
 def test_a_rarer_row_tells_less(case):
@@ -176,7 +179,7 @@ def test_a_rarer_row_tells_less(case):
         h, own, shared, R, apart = truth(whole, THERE, stride)
         solved = np.linalg.solve(R + own @ own.T + shared @ shared.T, np.column_stack([h, apart]))
         moved = (h @ solved[:, 1]) / (h @ solved[:, 0])
-        assert found.shift[k] == pytest.approx(np.expm1(moved), rel=0.02, abs=1e-4)
+        assert found.interpolation_bias[k] == pytest.approx(np.expm1(moved), rel=0.02, abs=1e-4)
     assert np.all(np.diff(found.std) > 0), "every reading tells something"
     assert "<- the record's" in str(found).splitlines()[2]
 
@@ -187,21 +190,23 @@ def test_means_of_eigenvalues(seed, count):
     """E <= A <= D, and D ranks the same whatever the parameters' units."""
     rng = np.random.default_rng(seed)
     one, two = (B @ B.T + 0.1 * np.eye(count) for B in rng.standard_normal((2, count, count)))
-    assert size(one, "E") <= size(one, "A") * (1 + 1e-9) <= size(one, "D") * (1 + 2e-9)
+    assert criterion_value(one, "E") <= criterion_value(one, "A") * (1 + 1e-9) <= criterion_value(one, "D") * (1 + 2e-9)
     T = np.diag(np.exp(rng.uniform(-3, 3, count)))
-    assert size(T @ one @ T, "D") / size(T @ two @ T, "D") == pytest.approx(size(one, "D") / size(two, "D"))
+    assert criterion_value(T @ one @ T, "D") / criterion_value(T @ two @ T, "D") == pytest.approx(
+        criterion_value(one, "D") / criterion_value(two, "D")
+    )
 
 
 def test_nothing_told_is_no_information():
-    assert size(np.diag([1.0, 0.0]), "D") == size(np.diag([1.0, 0.0]), "A") == 0.0
-    assert_allclose(merit(np.zeros((2, 3)), "worst"), 0.0)
+    assert criterion_value(np.diag([1.0, 0.0]), "D") == criterion_value(np.diag([1.0, 0.0]), "A") == 0.0
+    assert_allclose(relative_criterion(np.zeros((2, 3)), "worst"), 0.0)
 
 
 def test_choices_that_cannot_be_are_named(case):
     for message, call in (
         ("full", lambda: wallid.design(case, of="all")),
         ("restart", lambda: wallid.design(case, full=True, restart=False)),
-        ("places", lambda: wallid.place_sensors(case, places=[0.5])),
+        ("candidates", lambda: wallid.place_sensors(case, candidates=[0.5])),
         ("count", lambda: wallid.place_sensors(case, count=0)),
         ("diffusivities", lambda: wallid.place_sensors(case, diffusivities=[0.0])),
         ("factors", lambda: wallid.experiment_design.compare_sampling_steps(case, factors=[1.5, 0.3])),
@@ -219,16 +224,16 @@ def replace_sensors(case):
 
 def test_where_nothing_moves_no_sensor_helps():
     still = case_of(np.full((ROWS, 2), 15.0))
-    assert "no further sensor" in str(wallid.place_sensors(still, places=CANDIDATES))
-    assert "no step would tell" in str(wallid.experiment_design.compare_sampling_steps(still, factors=(0.5, 1, 2, 3)))
+    assert "no additional sensor" in str(wallid.place_sensors(still, candidates=CANDIDATES))
+    assert "no sampling step" in str(wallid.experiment_design.compare_sampling_steps(still, factors=(0.5, 1, 2, 3)))
 
 
 def test_a_dead_sensor_tells_nothing(case):
     """As if it were not there."""
     dead = case_of(still_at_first(), missing=[(row, 1) for row in range(ROWS)])
     alone = case_of(still_at_first(), THERE[:1])
-    found = wallid.place_sensors(dead, places=CANDIDATES[:4])
-    assert_allclose(found.std, wallid.place_sensors(alone, places=CANDIDATES).std[:, :, :4], rtol=1e-6)
+    found = wallid.place_sensors(dead, candidates=CANDIDATES[:4])
+    assert_allclose(found.std, wallid.place_sensors(alone, candidates=CANDIDATES).std[:, :, :4], rtol=1e-6)
 
 
 def test_longer_windows_in_full(case):
@@ -237,3 +242,10 @@ def test_longer_windows_in_full(case):
     one, three = (wallid.design(case, window_days=days, every_rows=24, full=True) for days in (1, 3))
     want = one.information[0, [0, 1, 2]].max() / three.information[0, 0]
     assert found.criterion[0] == pytest.approx(want, rel=1e-6) and found.criterion[1] == 1.0
+
+
+def test_a_placement_as_text_dict_and_html(found):
+    assert found.summary() == str(found)
+    result = json.loads(json.dumps(found.to_dict()))
+    assert result["positions"] == list(found.chosen) and found._repr_html_().count("position ") == 2
+    assert result["relative_std"][0] == found.std[0, 0].min() < result["relative_std_before"]

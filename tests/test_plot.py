@@ -17,7 +17,7 @@ from wallid.case.initial_profile import fit_profile
 from wallid.case.time_window import Window
 from wallid.case.wall_and_sensors import Layer
 from wallid.estimation.heat_flux import ThermalProperties
-from wallid.estimation.prediction import Loads, Prediction
+from wallid.estimation.prediction import HeatLoads, Prediction
 from wallid.estimation.result_objects import Estimate
 from wallid.experiment_design.sampling_step import SamplingComparison
 from wallid.experiment_design.window_lengths import LengthComparison
@@ -89,12 +89,12 @@ def test_every_kind_of_colour_vision_tells_the_colours_apart(vision):
 
 
 def test_two_dozen_sensors_differ_in_line_and_mark():
-    for look in (_style.line, _style.marks):
+    for look in (_style.line_style, _style.marker_style):
         assert len({tuple(look(sensor).values()) for sensor in range(24)}) == 24
         looks = [tuple(look(sensor).values()) for sensor in range(24)]
         # next to each other in both signs
         assert all(one[0] != two[0] and one[1] != two[1] for one, two in pairwise(looks))
-    assert not {*_style.FACES} & {*plot.SENSORS}
+    assert not {*_style.FACE_COLOURS} & {*plot.SENSOR_COLOURS}
 
 
 def test_a_long_name_keeps_both_its_ends():
@@ -131,10 +131,10 @@ def _fit(case):
     predicted = case.record.sensors[168:240]
     history = {"diffusivity": np.array([3e-7, 9e-7, 1e-6, 1e-6]), "gamma_1": np.array([0, 1, 0.1, 1e-8])}
     return Estimate(
-        value=1e-6, std=2.5e-8, interval_95=(0.9e-6, 1.1e-6), offsets={}, result="", reliable=True, reason="",
+        value=1e-6, std=2.5e-8, interval_95=(0.9e-6, 1.1e-6), offsets={}, message="", reliable=True, reason="",
         iterations=2, evaluations=3, history=history | {"gamma_2": np.array([0, 1, 0.2, 1e-6])}, rounds=1,
         reduced_chi_square=1.0, predicted=predicted, residual=0.1 * np.sin(predicted), covariance=np.eye(1),
-        singular_values=np.ones(1), model_shift=0.0, profile=fit_profile(case, 10), model="", window=window,
+        singular_values=np.ones(1), model_shift=0.0, profile=fit_profile(case, 10), model_description="", window=window,
     )  # fmt: skip
 
 
@@ -154,25 +154,25 @@ DESIGN = Design(
 LENGTHS = LengthComparison(np.array([1.0, 2.0, 3.0]), np.array([0.2, 0.6, 1.0]), np.array([4e-4, np.nan, 5e-4]))
 SAMPLING = SamplingComparison(
     steps=np.array([900.0, 3600.0, 7200.0]), rows=np.array([400, 100, 50]), std=np.array([0.01, 0.02, 0.03]),
-    shift=np.array([0.0, 0.0, 0.002]), own=3600.0, diffusivity=1e-6, labels=("", ""),
+    interpolation_bias=np.array([0.0, 0.0, 0.002]), record_step=3600.0, diffusivity=1e-6, labels=("", ""),
 )  # fmt: skip
 
 DRAWN = {
     "wall": lambda ax, case: plot.wall(ax, case),
     "record": lambda ax, case: plot.record(ax, case, Window(168, 72)),
-    "coverage": lambda ax, case: plot.coverage(ax, case),
-    "theta": lambda ax, case: plot.theta(ax, case, np.arange(40.0), case.record.sensors[:40]),
+    "coverage": lambda ax, case: plot.data_availability(ax, case),
+    "theta": lambda ax, case: plot.sensitivity(ax, case, np.arange(40.0), case.record.sensors[:40]),
     "criterion": lambda ax, case: plot.criterion(ax, DESIGN),
-    "compromise": lambda ax, case: plot.compromise(ax, LENGTHS),
-    "sampling": lambda ax, case: plot.sampling(ax, SAMPLING),
+    "compromise": lambda ax, case: plot.window_lengths(ax, LENGTHS),
+    "sampling": lambda ax, case: plot.sampling_steps(ax, SAMPLING),
     "convergence": lambda ax, case: plot.convergence(ax, plt.subplots()[1], _fit(case)),
     "stopping criteria": lambda ax, case: plot.convergence(plt.subplots()[1], ax, _fit(case)),
     "measured against simulated": lambda ax, case: plot.measured_against_simulated(ax, case, _fit(case)),
     "residual": lambda ax, case: plot.residual(ax, case, _fit(case)),
     "profile": lambda ax, case: plot.initial_profile(ax, case, Window(168, 72)),
     "last week": lambda ax, case: plot.last_week(ax, _reliability(case), 2),
-    "density": lambda ax, case: plot.density(ax, _reliability(case), 2),
-    "uncertainty": lambda ax, case: plot.uncertainty(ax, _reliability(case)),
+    "density": lambda ax, case: plot.residual_density(ax, _reliability(case), 2),
+    "uncertainty": lambda ax, case: plot.measurement_uncertainty(ax, _reliability(case)),
 }
 
 
@@ -211,8 +211,8 @@ def test_a_figure_on_plain_axes_is_complete(ax, case, name, count):
 @pytest.mark.parametrize("name", ["flux", "loads"])
 def test_a_figure_of_one_curve_is_complete(ax, name):
     factors = np.array([0.8, 0.9, 1.0, 1.1, 1.2])
-    loads = Loads(np.sin(np.arange(100.0)), factors, 1e6 * factors, 1.0)
-    plot.loads(ax, loads) if name == "loads" else plot.flux(ax, np.arange(100.0), loads)
+    loads = HeatLoads(np.sin(np.arange(100.0)), factors, 1e6 * factors, 1.0)
+    plot.heat_load(ax, loads) if name == "loads" else plot.inner_face_flux(ax, np.arange(100.0), loads)
     check_complete(ax, legend=False)
 
 
@@ -234,8 +234,8 @@ def test_each_sensor_looks_the_same_in_every_figure(case):
         lines = {line.get_label().split(" at ")[0]: line for line in ax.lines}
         for s, sensor in enumerate(many.sensors):
             line = lines[shortened(sensor.name)]
-            assert line.get_color() == plot.colour(s), name
-            own = plt.Line2D([], [], **_style.line(s))
+            assert line.get_color() == plot.sensor_colour(s), name
+            own = plt.Line2D([], [], **_style.line_style(s))
             assert line.get_linestyle() == own.get_linestyle(), name
         plt.close("all")
 
@@ -246,7 +246,7 @@ def test_the_wall_says_what_each_layer_is_made_of(ax, case):
     ax.get_figure().canvas.draw()
     told = [text.get_text() for text in ax.get_legend().get_texts()]
     assert told[0] == "1: 1.5 cm, 0.7 W/m/K, 1.4 MJ/m³/K, 5 × 10⁻⁷ m²/s"
-    assert told[-1] == "sensors, ± 1 standard deviation of the place"
+    assert told[-1] == "sensors, ± 1 standard deviation of the position"
     begin, thin = 0.0, 0
     for count, layer in enumerate(many.wall.layers):
         (number,) = [text for text in ax.texts if text.get_text() == str(count + 1)]
@@ -265,14 +265,14 @@ def test_single_missing_readings_are_seen(ax, case):
     """Two cells without a reading in months, and a face's that was interpolated: as wide as a line."""
     values, fill = case.record.sensors.copy(), np.zeros((case.record.rows, 2))
     values[[900, 1500], 0], fill[500, 0] = np.nan, 0.1
-    plot.coverage(ax, replace(case, record=replace(case.record, sensors=values, fill_std=fill)))
+    plot.data_availability(ax, replace(case, record=replace(case.record, sensors=values, fill_std=fill)))
     days = np.asarray(case.record.time) / 86400.0
     marks = [line for line in ax.lines if line.get_marker() == "|" and len(line.get_xdata())]
     (mark,) = marks
     np.testing.assert_allclose(mark.get_xdata(), days[[900, 1500]])
     assert set(mark.get_ydata()) == {2} and mark.get_color() == "#000000"
     told = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert told == ["readings", "interpolated", "single readings missing or masked"]
+    assert told == ["readings", "interpolated", "single reading missing or masked"]
     widths = [np.ptp(path.vertices[:, 0]) for bars in ax.collections for path in bars.get_paths()]
     assert min(widths) * ax.get_window_extent().width / days[-1] > 1.0
 
@@ -284,7 +284,7 @@ def test_measured_flux_is_seen_over_the_simulated(ax, case):
         fit,
         predicted=np.column_stack([fit.predicted, faces.regressors["flux_left"][168:240]]),
         residual=np.zeros((72, 4)),
-        thermal=Mock(spec=ThermalProperties, gains={"left": (0.0, 0.1)}, conductivity=Mock(value=1.0, std=0.05)),
+        thermal=Mock(spec=ThermalProperties, plate_gains={"left": (0.0, 0.1)}, conductivity=Mock(value=1.0, std=0.05)),
     )
     plot.measured_flux(ax, replace(case, record=faces), fit, 0)
     lines = {line.get_label(): line for line in ax.lines}
@@ -294,7 +294,7 @@ def test_measured_flux_is_seen_over_the_simulated(ax, case):
 
 
 def test_only_lengths_that_were_timed_have_a_cost(ax):
-    plot.compromise(ax, LENGTHS)
+    plot.window_lengths(ax, LENGTHS)
     (cost,) = [other for other in ax.get_figure().axes if other is not ax]
     np.testing.assert_allclose(cost.lines[0].get_xdata(), [1.0, 3.0])
     assert "nan" not in str(LENGTHS)
@@ -303,8 +303,8 @@ def test_only_lengths_that_were_timed_have_a_cost(ax):
 @pytest.mark.parametrize(
     ("name", "label"),
     [
-        ("criterion", r"$\Psi / \Psi_{max}$ (-)"),
-        ("compromise", r"$\Psi / \Psi_{longest}$ (-)"),
+        ("criterion", "relative criterion (-)"),
+        ("compromise", "relative criterion (-)"),
         ("stopping criteria", "relative change (-)"),
         ("sampling", "error of the diffusivity (%)"),
     ],

@@ -5,19 +5,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from benchmarks.discrepancy.truth import DAY
+from benchmarks.reference.simulator_with_effects import DAY
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.stats import kstest
 from studies import SPEC, prepare, slot_of, trimmed
 
-from wallid.discrepancy.cross_validation import cross_validate, held_out, windows
+from wallid.discrepancy.cross_validation import cross_validate, effect_by_window, held_out
 from wallid.discrepancy.effect_fit import refit
 from wallid.discrepancy.problem import DiagnosisProblem
-from wallid.discrepancy.residual_noise import NoiseModel
-from wallid.discrepancy.residual_tests import chance, test_residual
-from wallid.discrepancy.score_test import Candidate, CandidateJacobian, candidate_jacobian, screen
+from wallid.discrepancy.residual_noise import DiagnosisNoiseShape
+from wallid.discrepancy.residual_tests import chi_square_p_value, run_residual_tests
+from wallid.discrepancy.score_test import Candidate, CandidateJacobian, candidate_jacobian, score_candidates
 
 OFFSET = 0.25
 HOURLY = replace(
@@ -39,10 +39,10 @@ class Ranked:
         whole, _ = prepare(folder, HOURLY)
         self.study = trimmed(whole, lambda effect: effect.target in (None, 1, "left", "outdoor"))
         start = self.study.neutral
-        self.noise = NoiseModel(self.study, start).noise(1.0, 0.0, 0.8)
+        self.noise = DiagnosisNoiseShape(self.study, start).noise(1.0, 0.0, 0.8)
         self.base = refit(self.study, (), start, self.noise)
         self.outlook = candidate_jacobian(self.study, self.base)
-        self.screen = screen(self.base, self.outlook, np.random.default_rng(0))
+        self.screen = score_candidates(self.base, self.outlook, np.random.default_rng(0))
 
     def white(self, place):
         """The whitened derivative of a candidate of the screen, priors' rows below."""
@@ -71,7 +71,7 @@ class Ranked:
     def place(self, name, target=None):
         """Of the best candidate of an effect."""
         slot = slot_of(self.study, name, target)
-        return int(max(self.screen.groups[slot], key=lambda place: self.screen.gain[place]))
+        return int(max(self.screen.by_effect[slot], key=lambda place: self.screen.gain[place]))
 
 
 @pytest.fixture(scope="module")
@@ -85,33 +85,36 @@ def test_the_plain_fit_ends_at_its_minimum(ranked):
     assert fit.converged
     slope = fit.jacobian.T @ fit.residual / np.linalg.norm(fit.jacobian, axis=0)
     assert np.linalg.norm(slope) < 0.1  # the square is what a step would still bring: under 0.01
-    assert len(fit.free) == 1 + 8 + 2 and not fit.at_bound
-    assert_allclose(fit.residual[-len(fit.free) :], -fit.theta[fit.free] / fit.study.prior_width[fit.free])
+    assert len(fit.estimated_indices) == 1 + 8 + 2 and not fit.at_bound
+    assert_allclose(
+        fit.residual[-len(fit.estimated_indices) :],
+        -fit.theta[fit.estimated_indices] / fit.problem.prior_std[fit.estimated_indices],
+    )
 
 
 def test_expected_gain_and_size_are_those_of_least_squares(ranked):
     found = ranked.screen
     for place in [*found.best(10), *range(0, len(found.candidates), 7)]:
         gain, size, _ = ranked.least_squares([place])
-        label = ranked.study.label(found.candidates[place].slot.effect)
+        label = ranked.study.label(found.candidates[place].effect_parameters.effect)
         assert_allclose(found.score[place] ** 2, gain, rtol=1e-6, atol=1e-6, err_msg=label)
         assert_allclose(found.size[place], size[0], rtol=1e-5, atol=1e-9 / found.norm[place], err_msg=label)
-        assert_allclose(found.prediction((place,))[0][0], found.size[place], rtol=1e-8)
+        assert_allclose(found.joint_prediction((place,))[0][0], found.size[place], rtol=1e-8)
 
 
 def test_the_gain_of_an_offset_is_that_of_the_refit(ranked):
     """An offset is exactly linear; what else moves is nearly so, to second order in its step."""
     slot = slot_of(ranked.study, "sensor_offset", "T2")
     place = ranked.place("sensor_offset", "T2")
-    size, moves = ranked.screen.prediction((place,))
+    size, moves = ranked.screen.joint_prediction((place,))
     theta = ranked.base.theta.copy()
-    theta[slot.first] = size[0]
+    theta[slot.size_index] = size[0]
     fit = refit(ranked.study, (slot,), theta, ranked.noise, step=np.append(moves, 0.0))
     drop = ranked.base.cost - fit.cost
     assert fit.converged and drop > 100
     assert_allclose(drop, ranked.screen.gain[place], rtol=0.02)
-    assert abs(fit.theta[slot.first] - OFFSET) < 4 * fit.std(slot.first)
-    assert abs(fit.theta[slot.first] - ranked.screen.size[place]) < fit.std(slot.first)
+    assert abs(fit.theta[slot.size_index] - OFFSET) < 4 * fit.std(slot.size_index)
+    assert abs(fit.theta[slot.size_index] - ranked.screen.size[place]) < fit.std(slot.size_index)
     assert abs(np.log(fit.diffusivity / HOURLY.diffusivity)) < 4 * fit.log_std
     low, high = fit.interval_95
     assert_allclose([low * high, np.log(high / low)], [fit.diffusivity**2, 2 * 1.959964 * fit.log_std], rtol=1e-6)
@@ -123,25 +126,25 @@ def test_pair_gains_are_those_of_least_squares(ranked):
     rng = np.random.default_rng(5)
     tried = 0
     for i, j in rng.integers(len(found.candidates), size=(60, 2)).tolist():
-        one, other = (found.candidates[k].slot.effect for k in (i, j))
+        one, other = (found.candidates[k].effect_parameters.effect for k in (i, j))
         if (one.name, one.target) == (other.name, other.target):
             assert found.pair_gain[i, j] == 0.0, "forms of one effect are no pair"
             continue
         if abs(found.cosine[i, j]) > 0.999:
             continue
         gain, sizes, _ = ranked.least_squares([i, j])
-        signs = found.signs[[i, j]]
+        signs = found.required_signs[[i, j]]
         if np.any(signs * sizes < 0):
             assert found.pair_gain[i, j] == 0.0, "a size of the wrong sign"
         else:
             assert_allclose(found.pair_gain[i, j], gain, rtol=1e-5, atol=1e-5)
-            assert_allclose(found.prediction((i, j))[0], sizes, rtol=1e-4, atol=1e-6 / found.norm[[i, j]].min())
+            assert_allclose(found.joint_prediction((i, j))[0], sizes, rtol=1e-4, atol=1e-6 / found.norm[[i, j]].min())
             tried += 1
     assert tried > 10
     best = found.best_pairs(5)
     gains = [found.pair_gain[pair] for pair in best]
     assert gains == sorted(gains, reverse=True) and gains[0] == found.pair_gain.max()
-    kinds = [frozenset(found.candidates[k].slot for k in pair) for pair in best]
+    kinds = [frozenset(found.candidates[k].effect_parameters for k in pair) for pair in best]
     assert len(set(kinds)) == len(best)
 
 
@@ -150,7 +153,7 @@ def made_up(ranked, columns, names=("sensor_offset", "sensor_gain", "sensor_drif
     targets = ("T2", "T2", "T2", None)
     slots = [slot_of(ranked.study, name, target) for name, target in zip(names, targets, strict=True)]
     candidates = tuple(Candidate(slot, {}) for slot, _ in zip(slots, columns, strict=False))
-    return screen(ranked.base, CandidateJacobian(candidates, np.array(columns)), np.random.default_rng(1))
+    return score_candidates(ranked.base, CandidateJacobian(candidates, np.array(columns)), np.random.default_rng(1))
 
 
 def test_what_the_record_cannot_tell_apart_is_no_pair(ranked):
@@ -170,16 +173,18 @@ def test_what_is_free_already_is_not_seen(ranked):
     seen = np.random.default_rng(3).standard_normal(len(ranked.noise.whiten))
     own = np.linalg.solve(ranked.noise.whiten, ranked.base.jacobian[: len(seen), 0])
     found = made_up(ranked, [own, seen, np.zeros_like(seen)])
-    assert [c.slot.effect.name for c in found.candidates] == ["sensor_gain"]
+    assert [c.effect_parameters.effect.name for c in found.candidates] == ["sensor_gain"]
 
 
 def test_a_size_of_the_wrong_sign_gains_nothing(ranked):
     found = ranked.screen
-    bounded = {c.slot.effect.name for c, sign in zip(found.candidates, found.signs, strict=True) if sign}
+    bounded = {
+        c.effect_parameters.effect.name for c, sign in zip(found.candidates, found.required_signs, strict=True) if sign
+    }
     assert bounded == {
         "sensor_lag", "face_lag", "face_depth", "surface_film", "contact_resistance", "phase_change", "lateral_loss",
     }  # fmt: skip
-    wrong = found.signs * found.size < 0
+    wrong = found.required_signs * found.size < 0
     assert wrong.any() and not found.gain[wrong].any()
     assert_allclose(found.gain[~wrong], found.score[~wrong] ** 2)
 
@@ -204,33 +209,33 @@ def drawn(ranked, rng):
     """The residual of a fit whose readings have the noise's own covariance and nothing else."""
     fit, noise = ranked.base, ranked.noise
     error = noise.whiten @ (np.linalg.cholesky(noise.covariance) @ rng.standard_normal(len(noise.whiten)))
-    whole = np.concatenate([error, rng.standard_normal(len(fit.free))])
+    whole = np.concatenate([error, rng.standard_normal(len(fit.estimated_indices))])
     J = fit.jacobian / np.linalg.norm(fit.jacobian, axis=0)
     return whole - J @ np.linalg.lstsq(J, whole, rcond=None)[0]
 
 
 def test_the_omnibus_test_is_fair_and_sees_a_slow_wave(ranked):
     rng = np.random.default_rng(7)
-    found = [test_residual(replace(ranked.base, residual=drawn(ranked, rng))) for _ in range(120)]
+    found = [run_residual_tests(replace(ranked.base, residual=drawn(ranked, rng))) for _ in range(120)]
     p = [rest.p_value for rest in found]
     assert kstest(p, "uniform").pvalue > 1e-3
     bins = len(ranked.noise.whiten) // 2
     wave = np.concatenate([0.05 * np.sin(4 * np.pi * np.arange(bins) / bins), np.zeros(bins)])
     residual = drawn(ranked, rng)
     residual[: 2 * bins] += ranked.noise.whiten @ wave
-    slow = test_residual(replace(ranked.base, residual=residual))
+    slow = run_residual_tests(replace(ranked.base, residual=residual))
     assert slow.p_value < 1e-4
-    assert np.corrcoef(slow.smooth[:, 0], wave[:bins])[0, 1] > 0.8, "the wave itself"
+    assert np.corrcoef(slow.smooth_residual[:, 0], wave[:bins])[0, 1] > 0.8, "the wave itself"
 
 
 def test_the_omnibus_tests_see_a_diffusivity_that_comes_and_goes(ranked):
     """Every two days, in both sensors at once, and in none of the slow shapes of one sensor."""
     rng, bins = np.random.default_rng(8), len(ranked.noise.whiten) // 2
-    sensitivity = ranked.base.in_kelvin()[0][:, 0]
+    sensitivity = ranked.base.unwhitened()[0][:, 0]
     days = np.tile((np.arange(bins) + 0.5) / 24, 2)
     residual = drawn(ranked, rng)
     residual[: 2 * bins] += ranked.noise.whiten @ (0.15 * sensitivity * np.sin(np.pi * days))
-    assert test_residual(replace(ranked.base, residual=residual)).p_value < 1e-3
+    assert run_residual_tests(replace(ranked.base, residual=residual)).p_value < 1e-3
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.1, 0.4])
@@ -240,7 +245,9 @@ def test_chance_counts_that_the_power_of_the_noise_is_an_estimate(spread):
     drawn_values = rng.chisquare(50, 100_000) * np.exp(spread * rng.standard_normal(100_000))
     for value in (45.0, 60.0, 75.0):
         rate = np.mean(drawn_values > value)
-        assert chance(value, 50, spread) == pytest.approx(rate, abs=4 * np.sqrt(rate * (1 - rate) / 100_000))
+        assert chi_square_p_value(value, 50, spread) == pytest.approx(
+            rate, abs=4 * np.sqrt(rate * (1 - rate) / 100_000)
+        )
 
 
 def test_where_the_remainder_sits(ranked):
@@ -250,8 +257,8 @@ def test_where_the_remainder_sits(ranked):
     rest = np.stack([0.1 * (hour == 7), 0.2 * (day == 3)], axis=1)
     rest[30, 0] = np.nan
     placed = replace(fit)
-    placed.__dict__["remainder"] = rest
-    found = test_residual(placed)
+    placed.__dict__["residual_at_rows"] = rest
+    found = run_residual_tests(placed)
     assert list(found.by_sensor) == ["T1", "T2"]
     assert found.by_sensor["T2"] == pytest.approx(0.2 / np.sqrt(8))
     assert_allclose(found.by_hour[:, 0], 0.1 * (np.arange(24) == 7), atol=1e-15)
@@ -308,12 +315,12 @@ def test_the_gap_on_days_held_out_shrinks_with_the_offset_in(ranked):
     gap = cross_validate(ranked.base, after)
     assert gap.before > gap.after and gap.held_out_before > 1.2 * gap.held_out_after
     # readings 0.05 K each, and what passes of the faces' 0.03 K; 384 of them, 4 sigma
-    assert_allclose([gap.after, gap.held_out_after], gap.floor, rtol=0.15)
-    assert 0.05 < gap.floor < np.hypot(0.05, 0.03)
-    assert gap.left < 0.5
+    assert_allclose([gap.after, gap.held_out_after], gap.noise_floor, rtol=0.15)
+    assert 0.05 < gap.noise_floor < np.hypot(0.05, 0.03)
+    assert gap.remaining_share < 0.5
     same = cross_validate(ranked.base, ranked.base)
     assert same.held_out_before == same.held_out_after and same.before == same.after == gap.before
-    found = windows(after, slot)
+    found = effect_by_window(after, slot)
     assert_allclose(found.days, [1, 3, 5, 7])
     assert found.p_value > 1e-3, "a constant offset is constant"
     pulls = (found.size - OFFSET) / found.std
@@ -327,6 +334,6 @@ def test_an_effect_that_comes_and_goes_shows_by_window(ranked):
     half = np.concatenate([np.zeros(bins), 0.2 * (np.arange(bins) > bins / 2) - 0.1])
     residual = after.residual.copy()
     residual[: 2 * bins] += ranked.noise.whiten @ half
-    found = windows(replace(after, residual=residual), slot)
+    found = effect_by_window(replace(after, residual=residual), slot)
     assert found.p_value < 1e-4
     assert found.size[2:].mean() - found.size[:2].mean() > 0.1

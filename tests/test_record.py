@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refuses
 
-from wallid.records.uniform_record import REGRESSORS, Format, read_record
+from wallid.records.uniform_record import REGRESSORS, FileFormat, read_record
 
 ROWS = 48
 COLUMNS = {"time": "time", "left": "T_left", "right": "T_right", "sensors": ["T1", "T2"]}
@@ -87,7 +87,7 @@ def test_a_record_without_inner_sensors(reads):
     assert "inner sensors: none" in str(record)
 
 
-def test_summary_tells_span_step_rows_and_ranges(record):
+def test_summary_gives_span_step_rows_and_ranges(record):
     lines = record.summary()
     for part in ("48 rows", "every 3600 s", "1.958 d", "2009-01-01T00:00:00", "2009-01-02T23:00:00"):
         assert part in lines
@@ -187,7 +187,7 @@ def test_the_row_after_the_last_has_a_stamp(record):
 
 
 def test_rows_per_day(record):
-    assert (record.rows_per(1.0), record.rows_per(0.5), record.rows_per(1e-9)) == (24, 12, 1)
+    assert (record.rows_in_days(1.0), record.rows_in_days(0.5), record.rows_in_days(1e-9)) == (24, 12, 1)
 
 
 @pytest.mark.parametrize(("start", "rows"), [(-1, 10), (0, 1), (0, 49), (40, 9)])
@@ -227,12 +227,14 @@ def test_an_empty_file(reads, text):
     refuses(reads(text), "record.csv: line 1 is empty", "must be a header")
 
 
-def test_a_file_in_no_encoding_that_can_be_told(reads):
+def test_a_file_in_an_unknown_encoding(reads):
     content = sheet().to_csv(index=False).encode()
     refuses(reads(content + "2009-01-03,я,2,3,4\n".encode("cp1251")), "record.csv: line 50: not UTF-8", "encoding = ")
     refuses(reads(content.replace(b"T1", b"\x81")), "record.csv: line 1: not CP1252", "save the file as UTF-8")
-    refuses(reads(content + "é".encode(), form=Format(encoding="ascii")), "line 50: not ASCII", "encoding = ")
-    refuses(reads(content.replace(b"T1", b"T\0")), "record.csv: line 1: not text", "export it anew")
+    refuses(
+        reads(content + "é".encode(), file_format=FileFormat(encoding="ascii")), "line 50: not ASCII", "encoding = "
+    )
+    refuses(reads(content.replace(b"T1", b"T\0")), "record.csv: line 1: not text", "export it as text")
 
 
 def test_commas_between_columns_and_in_numbers(reads):
@@ -248,8 +250,8 @@ def test_one_point_among_commas_is_the_one_that_is_named(reads):
     lines = table.to_csv(index=False, sep=";", decimal=",").splitlines()
     lines[7] = lines[7].replace(",", ".")
     mixed = "\n".join(lines) + "\n"
-    refuses(reads(mixed), "record.csv: line 8, ", "decimal comma", "write all alike", 'decimal = ","')
-    stated, plain = reads(mixed, form=Format(decimal=","))(), reads(table)()
+    refuses(reads(mixed), "record.csv: line 8, ", "decimal comma", "write all numbers alike", 'decimal = ","')
+    stated, plain = reads(mixed, file_format=FileFormat(decimal=","))(), reads(table)()
     np.testing.assert_array_equal(stated.sensors, plain.sensors)
     np.testing.assert_array_equal(stated.faces, plain.faces)
 
@@ -296,7 +298,7 @@ def test_a_column_of_truth_values(reads):
 
 @pytest.mark.parametrize("value", ["inf", "-inf", "Infinity"])
 def test_a_column_without_a_finite_number(reads, value):
-    refuses(reads(sheet(T1=value)), at(2, "T1"), "infinite", "name another column")
+    refuses(reads(sheet(T1=value)), at(2, "T1"), "infinite", "use another column")
 
 
 def test_blank_lines_do_not_shift_the_line(reads):
@@ -305,8 +307,8 @@ def test_blank_lines_do_not_shift_the_line(reads):
 
 
 def test_a_sensor_without_a_value(reads):
-    refuses(reads(sheet(T2="")), 'record.csv: column "T2": holds no value; it must hold numbers')
-    refuses(reads(sheet(T2="---")), 'record.csv: column "T2": holds no value; it must hold numbers')
+    refuses(reads(sheet(T2="")), 'record.csv: column "T2": has no value; it must contain numbers')
+    refuses(reads(sheet(T2="---")), 'record.csv: column "T2": has no value; it must contain numbers')
 
 
 def test_a_missing_time(reads):
@@ -362,7 +364,7 @@ def test_daylight_saving_is_refused_with_its_way_out(reads, minutes):
 
 
 def test_a_single_time_far_from_the_others(reads):
-    refuses(reads(spoil("time", 30, "2209-01-01T06:00:00")), at(32, "time"), "found 2209", "is this time wrong?")
+    refuses(reads(spoil("time", 30, "2209-01-01T06:00:00")), at(32, "time"), "found 2209", "check this time")
 
 
 @pytest.mark.parametrize("rows", [0, 7])
@@ -378,7 +380,9 @@ def test_faces_that_were_never_logged_together(reads):
 
 
 def test_kelvin(reads):
-    refuses(reads(sheet(T1=283.0)), 'column "T1": the median is 283, which looks like kelvin', 'unit = "K"')
+    refuses(
+        reads(sheet(T1=283.0)), 'column "T1": the median is 283, so the values are probably in kelvin', 'unit = "K"'
+    )
     refuses(reads(sheet(T_left=283.0)), 'column "T_left"', "kelvin")
     options = {"regressors": {"air_outdoor": "air"}}
     refuses(reads(sheet(air=283.0), **options), 'column "air"', "kelvin")
@@ -386,14 +390,14 @@ def test_kelvin(reads):
 
 def test_a_unit_that_is_not_the_stated_one(reads):
     text = sheet().to_csv(index=False).replace("T2\n", "T2\n,degC,degC,°F,degC\n", 1)
-    refuses(reads(text), 'column "T1": "°F" says that it is in degF', 'unit = "degF"')
+    refuses(reads(text), 'column "T1": the unit in "°F" is degF', 'unit = "degF"')
 
 
 def test_regressors(reads):
     options = {"regressors": {"wind": "v"}}
     refuses(reads(sheet(), **options), 'no column "v"')
     refuses(reads(sheet(v="calm"), **options), at(2, "v"), 'found "calm"; it must be a number')
-    refuses(reads(sheet(v=""), **options), 'column "v": holds no value')
+    refuses(reads(sheet(v=""), **options), 'column "v": has no value')
     refuses(reads(sheet(), regressors={"winds": "T1"}), 'unknown regressor "winds"', *REGRESSORS)
     gappy = sheet(v="2.5")
     gappy.loc[3, "v"] = ""
@@ -420,7 +424,7 @@ def test_the_ice_record_breaks_in_its_last_days(measured):
     path = measured / "glacier_ice" / "borehole_248.csv"
     record = read_record(path, **ICE)
     plain = pd.read_csv(path)
-    assert record.unbroken == ((0, 3763), (3766, 3), (3772, 3), (3779, 2))
+    assert record.unbroken_parts == ((0, 3763), (3766, 3), (3772, 3), (3779, 2))
     assert [round(one.hours) for one in record.cleaning.breaks] == [4, 4, 5]
     read = np.flatnonzero(np.isin(record.stamps, pd.to_datetime(plain["time"]).to_numpy()))
     np.testing.assert_array_equal(record.faces[read], plain[["T_0.5m", "T_1.5m"]])
@@ -431,7 +435,7 @@ def test_the_ice_record_breaks_in_its_last_days(measured):
 def test_the_other_ice_record_is_regular(measured):
     record = read_record(measured / "glacier_ice" / "borehole_247.csv", **ICE)
     assert (record.rows, record.stamp(0)) == (2366, "2014-11-09T16:00:00")
-    assert record.cleaning.untouched
+    assert record.cleaning.unchanged
 
 
 def test_the_london_wall(measured):
@@ -455,4 +459,4 @@ def test_the_tampere_wall(measured):
         sensors=["T_interface"],
     )
     assert (record.rows, record.step) == (21365, 600.0)
-    assert record.cleaning.untouched
+    assert record.cleaning.unchanged

@@ -1,3 +1,4 @@
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -6,7 +7,7 @@ from systems import scipy_field_and_sensitivity
 
 import wallid
 from wallid.case.initial_profile import dimensionless_profile
-from wallid.estimation.diffusivity import paper_sigma
+from wallid.inference.weighted_least_squares import paper_sigma
 
 
 @pytest.fixture(scope="module")
@@ -30,13 +31,13 @@ def by_scipy(case, alpha, outputs):
     system = wallid.models.finite_volume_model(case.wall, outputs, nodes=case.choices.nodes)
     initial = dimensionless_profile(wallid.case.fit_profile(case, 0).coefficients, scale)
     inputs = (case.record.faces - scale.temperature_min) / scale.temperature
-    u, _ = scipy_field_and_sensitivity(system, scale.fourier(alpha), case.record.time / 86400.0, inputs, initial)
+    u, _ = scipy_field_and_sensitivity(system, scale.fourier_number(alpha), case.record.time / 86400.0, inputs, initial)
     return u, scale
 
 
 def test_the_whole_record_is_predicted_with_prior_and_estimate(case, fit, found):
     sensors = [wallid.models.Output(sensor.position) for sensor in case.sensors]
-    for alpha, have in ((2.8e-7, found.prior), (fit.value, found.predicted)):
+    for alpha, have in ((2.8e-7, found.predicted_with_prior), (fit.value, found.predicted)):
         u, scale = by_scipy(case, alpha, sensors)
         np.testing.assert_allclose(have, scale.temperature_min + scale.temperature * u, atol=1e-9)
     np.testing.assert_allclose(found.residual, case.record.sensors - found.predicted)
@@ -44,7 +45,7 @@ def test_the_whole_record_is_predicted_with_prior_and_estimate(case, fit, found)
 
 def test_estimate_beats_prior(found):
     for s in range(3):
-        assert np.std(found.residual[:, s]) < 0.6 * np.std(found.residual_prior[:, s])
+        assert np.std(found.residual[:, s]) < 0.6 * np.std(found.residual_with_prior[:, s])
 
 
 def test_flux_and_loads_at_the_inner_face(case, fit, found):
@@ -58,7 +59,9 @@ def test_flux_and_loads_at_the_inner_face(case, fit, found):
     assert found.loads.energy[2] == pytest.approx(energy, rel=1e-9)
     # warm inside, at x = 0: heat flows along +x, and the load is a loss
     assert energy > 0
-    assert found.loads.change[2] == 0.0 and found.loads.change[0] * found.loads.change[-1] < 0
+    assert (
+        found.loads.relative_change[2] == 0.0 and found.loads.relative_change[0] * found.loads.relative_change[-1] < 0
+    )
 
 
 def test_a_mirrored_wall_has_the_mirrored_load(case, fit, found):
@@ -98,3 +101,11 @@ def test_offsets_of_the_estimate_are_in_the_prediction(case, fit, found):
 
 def test_summaries_are_text(found):
     assert "T3" in str(found) and "kWh/m2" in str(found)
+
+
+def test_a_prediction_as_text_dict_and_html(found):
+    assert found.summary() == str(found)
+    result = json.loads(json.dumps(found.to_dict()))
+    assert list(result["sensors"]) == list(found.sensor_names)
+    assert result["sensors"]["T2"]["rms"] == found.rms_of_sensor(1)[1]
+    assert found._repr_html_().count("rms residual of") == len(found.sensor_names)

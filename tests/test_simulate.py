@@ -12,12 +12,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from benchmarks.make_examples import slab_response
+from benchmarks.reference.make_examples import slab_response
 from numpy.testing import assert_allclose
 from systems import DAY, LENGTH, POINTS, T_REF, faces, fourier, half_minutes, scipy_field_and_sensitivity, slab
 
 import wallid
-from wallid._internal.arrays import on_device, part_of
+from wallid._internal.arrays import index_array, on_device
 from wallid._internal.xla_options import has_small_loops
 from wallid.models.exponential_solver import phi_functions, step_map
 from wallid.models.integration import _as_array
@@ -102,7 +102,7 @@ def test_numpys_arrays_are_copied_to_the_device_and_nothing_is_compiled(caplog):
     given = np.zeros((3, 7))
     with jax.log_compiles():
         held = on_device(given)
-        part = part_of(held, slice(2))
+        part = index_array(held, slice(2))
     given[:] = 1.0
     assert np.all(np.asarray(held) == 0.0) and part.shape == (2, 7)
     assert "Compiling" not in caplog.text
@@ -205,7 +205,7 @@ def test_what_xla_is_asked_holds():
 def test_what_comes_too_late_for_xla_is_not_asked(monkeypatch):
     jnp.zeros(1).block_until_ready()
     monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=true")
-    with pytest.warns(UserWarning, match="prepare_xla: JAX has computed already"):
+    with pytest.warns(UserWarning, match="prepare_xla: no effect, JAX has already started"):
         wallid.models.prepare_xla()
     assert os.environ["XLA_FLAGS"] == "--xla_cpu_use_fusion_emitters=true"
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.slab import weather
+from benchmarks.reference.analytic_slab import weather
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 from scipy.signal import lsim
 
 import wallid
-from wallid.case.case_file import Choices
+from wallid.case.options import Choices
 from wallid.inference.identifiability import collinearity_index
 from wallid.models.finite_volume_wall import finite_volume_model
 from wallid.models.wall_parameters import FILM_STD, LAYER_STD
@@ -109,7 +109,7 @@ def test_a_film_in_the_large_model():
     system = finite_volume_model(wall, outputs, nodes=101, profile_degree=1, film=(k * film[0], 0.0)).modal()
     at_rest = want[0]
     slope = (at_rest[2] - at_rest[0]) / 0.25
-    fourier = wallid.case.Scales.of(wall).fourier(k / c)
+    fourier = wallid.case.Scales.of(wall).fourier_number(k / c)
     u, _ = wallid.models.propagate(system, fourier, STEP / 86400, faces, np.array([at_rest[0], slope * LENGTH]))
     assert_allclose(u, want, atol=2e-3)
 
@@ -131,13 +131,13 @@ def found(case):
 
 def test_each_layers_diffusivity_and_a_film(case, found):
     assert found.reliable and found.reduced_chi_square < 1.5
-    near(found.structure["layer 1"], 1.5 / 1.8e6)
-    near(found.structure["layer 2"], 0.25 / 1.1e6)
+    near(found.wall_parameters["layer 1"], 1.5 / 1.8e6)
+    near(found.wall_parameters["layer 2"], 0.25 / 1.1e6)
     alpha, k = effective(LAYERS)
-    near(found.structure["film_left"], k * FILM)
-    assert all(one.std < 0.1 * one.value for one in found.structure.values())
+    near(found.wall_parameters["film_left"], k * FILM)
+    assert all(one.std < 0.1 * one.value for one in found.wall_parameters.values())
     assert abs(np.log(found.value / alpha)) < 4 * found.std / found.value
-    told = report.result(Run(case, fit=found))
+    told = report.result_entries(Run(case, fit=found))
     assert told["structure"]["film_left"]["unit"] == "m" and told["structure"]["layer 2"]["unit"] == "m2/s"
     assert told["identifiability"]["sentence"] in str(found)
     json.dumps(told)
@@ -211,8 +211,8 @@ def test_what_cannot_be_told_is_said(found):
     left = np.array([np.nan, 0.99, 0.2])
     close = replace(found.identifiability, names=names, collinearity=index, left=left)
     assert close.confused == [(0, 2)]
-    assert "the diffusivity and the film of the left face cannot be told apart by the readings alone" in str(close)
-    assert "of the offset of T1 the record tells hardly more than was assumed" in str(close)
+    assert "the diffusivity and the film of the left face cannot be distinguished by the readings alone" in str(close)
+    assert "for the offset of T1 the record gives hardly more than the prior" in str(close)
 
 
 def test_what_cannot_be_free_is_named():

@@ -72,12 +72,12 @@ def test_their_errors_are_those_of_the_noise():
     found = wallid.estimate_walls(*walls(NOISE, alphas=np.full(60, 5.21e-7)), chunk=20)
     pulls = np.log(np.asarray(found.diffusivity) / 5.21e-7) / np.asarray(found.relative_std)
     assert 0.7 < np.sqrt(np.mean(pulls**2)) < 1.3
-    assert np.asarray(found.chi_square).mean() == pytest.approx(1.0, abs=0.05)
+    assert np.asarray(found.reduced_chi_square).mean() == pytest.approx(1.0, abs=0.05)
 
 
 def test_an_offset_is_projected_out():
     """One over the information that a free constant leaves is the variance: from the analytic derivative."""
-    from benchmarks.twins import slab_response
+    from benchmarks.reference.synthetic_twins import slab_response
     from many_walls import DAY, LENGTH, PLACES
 
     found = wallid.estimate_walls(*walls(offset_std=1e4))

@@ -75,7 +75,7 @@ def test_faces_are_named_by_where_outside_is():
 
 def test_homogeneous_wall_is_one_relative_layer():
     wall = Wall(0.4, 3e-7)
-    assert (wall.relative_layers(), wall.joints, wall.effective_conductivity) == (
+    assert (wall.relative_layers(), wall.interfaces, wall.effective_conductivity) == (
         ((0.4, 1.0, 1.0),),
         (),
         None,
@@ -94,8 +94,8 @@ def test_relative_layers_have_effective_values_of_one(parts):
     relative = wall.relative_layers()
     assert sum(d / k for d, k, _ in relative) == pytest.approx(length, rel=1e-12)
     assert sum(d * c for d, _, c in relative) == pytest.approx(length, rel=1e-12)
-    assert len(wall.joints) == len(parts) - 1
-    assert all(0 < place < length for place in wall.joints)
+    assert len(wall.interfaces) == len(parts) - 1
+    assert all(0 < place < length for place in wall.interfaces)
 
 
 @given(layers, st.sampled_from([1e-3, 0.1, 10.0, 1e3]))
@@ -141,19 +141,19 @@ def test_scales_go_there_and_back(scale, values, array):
     assert type(there) is type(values)
     roundoff = 4 * np.finfo(float).eps * (100 + abs(scale.temperature_min))
     np.testing.assert_allclose(scale.celsius(there), values, rtol=0, atol=roundoff)
-    np.testing.assert_allclose(scale.diffusivity(scale.fourier(values)), values, rtol=1e-14, atol=1e-300)
+    np.testing.assert_allclose(scale.diffusivity(scale.fourier_number(values)), values, rtol=1e-14, atol=1e-300)
 
 
 @given(scales, positive, st.floats(1e-9, 1e-3))
 def test_fourier_number_does_not_depend_on_the_unit_of_length(scale, factor, diffusivity):
     other = replace(scale, length=scale.length * factor)
-    assert other.fourier(diffusivity * factor**2) == pytest.approx(scale.fourier(diffusivity), rel=1e-13)
+    assert other.fourier_number(diffusivity * factor**2) == pytest.approx(scale.fourier_number(diffusivity), rel=1e-13)
 
 
 @given(scales, positive, st.floats(1e-9, 1e-3))
 def test_fourier_number_does_not_depend_on_the_unit_of_time(scale, factor, diffusivity):
     other = replace(scale, time=scale.time * factor)
-    assert other.fourier(diffusivity / factor) == pytest.approx(scale.fourier(diffusivity), rel=1e-13)
+    assert other.fourier_number(diffusivity / factor) == pytest.approx(scale.fourier_number(diffusivity), rel=1e-13)
 
 
 @given(scales, st.floats(-100, 100))

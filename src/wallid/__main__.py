@@ -1,4 +1,4 @@
-"""`python -m wallid`: the command line."""
+"""The command line as `python -m wallid`."""
 
 from .cli import command
 

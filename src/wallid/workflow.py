@@ -1,4 +1,4 @@
-"""The whole method on a case, stage by stage: design, learn, estimate, reliability, diagnose."""
+"""The stages of the method on a case: design, learn, estimate, prediction, diagnosis."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from typing import Any, Literal
 
 from ._internal.errors import InputError
 from .case.case_definition import Case
-from .case.record_check import Check, check
-from .case.time_window import Window, whole
-from .discrepancy.findings import Diagnosis
+from .case.record_check import RecordCheck, check
+from .case.time_window import Window, entire_record
+from .discrepancy.diagnosis_result import Diagnosis
 from .discrepancy.search_for_effects import diagnose
 from .estimation.diffusivity import check_draws, estimate, seconds_of_estimate
 from .estimation.many_windows import CampaignEstimate, campaign
 from .estimation.prediction import Prediction, predict
 from .estimation.result_objects import Estimate
-from .experiment_design.fisher_information import Criterion, Of, Robust
+from .experiment_design.fisher_information import Criterion, ParametersOfInterest, Robust
 from .experiment_design.sampling_step import SamplingComparison, compare_sampling_steps
 from .experiment_design.sensor_placement import SensorPlacement, place_sensors
 from .experiment_design.window_lengths import LengthComparison, compare_lengths, days_within
@@ -32,47 +32,47 @@ from .reduction.modal_identification import LearnedModel, sweep_orders
 from .reduction.training_signals import learn, training_signals
 
 Progress = Callable[[str, float], None]
-"""Told the stage now beginning, and the share of the work done before it, 0 to 1."""
+"""Called at the beginning of each step with its text and the completed share of the work, 0 to 1."""
 
 STAGES = ("design", "learn", "orders", "estimate", "reliability", "lengths")
-"""Of a run; `orders` is the reduced model's error against its order. `diagnose` is one more, which takes as long as all
-of these together many times over, and `check` one that only looks at the record. `places` asks where a further sensor
-would help, `campaign` every window."""
+"""The default stages of a run. `orders`: error of the reduced-order model against its order. `reliability`: prediction
+over the entire record. Further stages: `check` (the record), `places` (further sensors), `campaign` (the estimate from
+all windows) and `diagnose` (many times slower than all default stages together)."""
 
 
 @dataclass(frozen=True)
-class Designing:
-    """How a design chooses.
+class DesignOptions:
+    """Options of the experiment design.
 
     Args:
         criterion, of, robust, full: as in `design`.
-        added: further sensors to find places for.
+        further_sensors: number of further sensors to place.
     """
 
     criterion: Criterion = "D"
-    of: Of = "diffusivity"
+    of: ParametersOfInterest = "diffusivity"
     robust: Robust = "no"
     full: bool | None = None
-    added: int = 1
+    further_sensors: int = 1
 
     @property
-    def words(self) -> dict[str, Any]:
-        """For `design` and `lengths`."""
+    def options(self) -> dict[str, Any]:
+        """The keyword arguments of `design` and `compare_lengths`."""
         return {"criterion": self.criterion, "of": self.of, "robust": self.robust, "full": self.full}
 
 
 @dataclass
 class Run:
-    """What a run has found so far; None where it did not go there.
+    """The results of a run; None for stages that were not run.
 
     Args:
-        seconds: per stage, wall clock, compilation included.
+        seconds: wall-clock time of each stage, compilation included.
     """
 
     case: Case
     design: Design | None = None
     lengths: LengthComparison | None = None
-    places: SensorPlacement | None = None
+    sensor_placement: SensorPlacement | None = None
     sampling: SamplingComparison | None = None
     learned: LearnedModel | None = None
     orders: list[LearnedModel] = field(default_factory=list)
@@ -80,21 +80,21 @@ class Run:
     prediction: Prediction | None = None
     campaign: CampaignEstimate | None = None
     diagnosis: Diagnosis | None = None
-    check: Check | None = None
+    check: RecordCheck | None = None
     seconds: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
     def timed(self, stage: str):
-        """Add a block's wall clock to a stage."""
-        began = clock.perf_counter()
+        """Add the wall-clock time of a block to a stage."""
+        start = clock.perf_counter()
         try:
             yield
         finally:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + clock.perf_counter() - began
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + clock.perf_counter() - start
 
     @property
-    def unreliable(self) -> str:
-        """Why there is no number to rely on; empty where there is one, or none was asked for."""
+    def unreliable_reason(self) -> str:
+        """Why the result is unreliable; empty if it is reliable, or if the stages give no result."""
         if self.diagnosis is not None:  # its diffusivity is the final answer
             return self.diagnosis.sentence if self.diagnosis.verdict == "uninformative" else ""
         if self.fit is not None:
@@ -106,19 +106,17 @@ class Run:
         return str(self.design) if self.design is not None and not self.design.informative else ""
 
     def __str__(self) -> str:
-        parts = [self.case, self.design, self.lengths, self.places, self.sampling, self.learned, self.fit]
+        parts = [self.case, self.design, self.lengths, self.sensor_placement, self.sampling, self.learned, self.fit]
         parts += [self.campaign, self.prediction, self.diagnosis]
-        told = [str(part) for part in parts if part is not None]
-        if self.check is not None:
-            told.append(str(self.check))
-        if len(self.case.record.unbroken) > 1 and (self.prediction or self.diagnosis):
-            told.append(f"the record is broken: the whole record means its longest unbroken part, {self._part()}")
-        return "\n\n".join(told)
-
-    def _part(self) -> str:
-        """The longest unbroken part of the record, in words."""
-        record, part = self.case.record, whole(self.case)
-        return f"{part.rows} rows from {record.stamp(part.row)} to {record.stamp(part.row + part.rows)}"
+        texts = [str(part) for part in (*parts, self.check) if part is not None]
+        record = self.case.record
+        if len(record.unbroken_parts) > 1 and (self.prediction or self.diagnosis):
+            longest = entire_record(self.case)
+            texts.append(
+                f"the record has breaks: its longest unbroken part, {longest.rows} rows from "
+                f"{record.stamp(longest.row)} to {record.stamp(longest.row + longest.rows)}, is used as entire record"
+            )
+        return "\n\n".join(texts)
 
 
 def run(
@@ -130,49 +128,51 @@ def run(
     weights: Literal["noise", "none"] = "noise",
     integrator: Integrator = "propagator",
     draws: int = 0,
-    designing: Designing = Designing(),
+    design_options: DesignOptions = DesignOptions(),
     progress: Progress = lambda stage, share: None,
 ) -> Run:
-    """The method on a case; the stages asked for, in their order.
+    """Run stages of the method on a case, in the order of the method.
 
     Args:
-        window: given by hand; None for the design's best.
-        orders: reduced models to learn for the figure of error against order; none for a few up to the case's.
-        weights: of the estimate's readings.
-        integrator: how the design's, the learning's and the estimate's rows are stepped through.
-        draws: of a bootstrap that checks the estimate's interval; 0 for none.
-        designing: by which criterion days are chosen.
-        progress: told of each stage.
+        case: the case.
+        stages: names of stages, see `STAGES`.
+        window: of the estimate; None for the best window of the design.
+        orders: of the reduced-order models in the figure of error against order; empty for a few up to the case's.
+        weights: of the readings in the estimate, "noise" (generalised least squares) or "none" (ordinary).
+        integrator: time integration in the design, the learning and the estimate.
+        draws: number of simulated records in the bootstrap of the interval; 0 for no bootstrap.
+        design_options: of the experiment design.
+        progress: called at the beginning of each step.
 
     Raises:
-        InputError: what the case cannot give, named.
+        InputError: the case or an option does not permit a stage.
     """
-    done = Run(case)
+    result = Run(case)
     _check_orders(case, orders)
     check_draws(draws, weights)
-    begin = _Shares(stages, len(orders), progress)
+    begin = _StageProgress(stages, len(orders), progress)
     if "check" in stages:
-        begin("check", "check: what the record holds")
-        with done.timed("check"):
-            done.check = check(case)
+        begin("check", "check: the record")
+        with result.timed("check"):
+            result.check = check(case)
     if "campaign" in stages:
-        begin("campaign", "estimate: every window")
-        with done.timed("campaign"):
-            done.campaign = campaign(
+        begin("campaign", "estimate: all windows")
+        with result.timed("campaign"):
+            result.campaign = campaign(
                 case, progress=lambda k, of: begin.within(f"estimate: window {k + 1} of {of}", k / of)
             )
     if set(stages) - {"diagnose", "check", "campaign"}:
-        _of_window(done, stages, window, orders, weights, integrator, draws, begin, designing)
+        _run_window_stages(result, stages, window, orders, weights, integrator, draws, begin, design_options)
     if "diagnose" in stages:
-        begin("diagnose", "diagnose: what the plain model misses")
-        with done.timed("diagnose"):
-            done.diagnosis = diagnose(case, progress=begin.within)
+        begin("diagnose", "diagnose: effects missing from the model")
+        with result.timed("diagnose"):
+            result.diagnosis = diagnose(case, progress=begin.within)
     progress("done", 1.0)
-    return done
+    return result
 
 
-class _Shares:
-    """Tells a progress bar how much of the work is done, by what each stage takes."""
+class _StageProgress:
+    """Converts progress within a stage to progress of the run, by the usual duration of each stage."""
 
     def __init__(self, stages: Sequence[str], orders: int, progress: Progress):
         work = {
@@ -191,129 +191,134 @@ class _Shares:
         self.progress = progress
         self.before = self.after = 0.0
 
-    def __call__(self, stage: str, words: str) -> None:
-        """A stage begins."""
+    def __call__(self, stage: str, text: str) -> None:
+        """Report the beginning of a stage."""
         self.before, self.after = self.after, self.after + self.work.get(stage, 0.0)
-        self.within(words, 0.0)
+        self.within(text, 0.0)
 
-    def within(self, words: str, share: float) -> None:
-        """A part of the stage begins, with this share of it done."""
-        done = self.before + share * (self.after - self.before)
-        self.progress(words, done / sum(self.work.values()))
+    def within(self, text: str, share: float) -> None:
+        """Report the beginning of a step within the stage, after this share of the stage."""
+        completed = self.before + share * (self.after - self.before)
+        self.progress(text, completed / sum(self.work.values()))
 
 
-def _of_window(
-    done: Run,
+def _run_window_stages(
+    result: Run,
     stages: Sequence[str],
     window: Window | None,
     orders: Sequence[int],
     weights: Literal["noise", "none"],
     integrator: Integrator,
     draws: int,
-    begin: _Shares,
-    designing: Designing,
+    begin: _StageProgress,
+    design_options: DesignOptions,
 ) -> None:
-    """The stages about one window: all but the diagnosis."""
-    case = done.case
+    """Run the stages for one window: all but check, campaign and diagnose."""
+    case = result.case
     if not case.sensors:
-        _of_fluxes(done, stages, window, weights, integrator, draws, begin, designing)
+        _run_flux_stages(result, stages, window, weights, integrator, draws, begin, design_options)
         return
     if "design" in stages:
-        begin("design", "design: which days tell most")
-        with done.timed("design"):
-            done.design = design(case, integrator=integrator, **designing.words)
-        if not done.design.informative and window is None:
+        begin("design", "design: the most informative days")
+        with result.timed("design"):
+            result.design = design(case, integrator=integrator, **design_options.options)
+        if not result.design.informative and window is None:
             return
     if window is None:
-        window = (done.design or design(case, integrator=integrator, **designing.words)).best
+        window = (result.design or design(case, integrator=integrator, **design_options.options)).best
     model: StateSpace
     if "learn" in stages and case.choices.model == "mim" and not case.choices.free:
-        begin("learn", "learn: a reduced model for these days")
-        with done.timed("learn"):
-            # with order "auto", every order tried on the way is one of the figure's
-            done.learned = learn(case, window, integrator=integrator, on_try=done.orders.append)
-        if orders or ("orders" in stages and not done.orders):
-            begin("orders", "learn: the error of other orders")
-            with done.timed("orders"):
-                done.orders = _by_order(case, window, done.learned, orders, integrator)
-        model = done.learned.system
+        begin("learn", "learn: the reduced-order model")
+        with result.timed("learn"):
+            # with order "auto", the figure shows every order that is tried
+            result.learned = learn(case, window, integrator=integrator, on_try=result.orders.append)
+        if orders or ("orders" in stages and not result.orders):
+            begin("orders", "learn: error against order")
+            with result.timed("orders"):
+                result.orders = _models_by_order(case, window, result.learned, orders, integrator)
+        model = result.learned.system
     else:
         model = full_order_model(case)
     if "estimate" in stages:
-        checked = f", then {draws} draws of a bootstrap" if draws else ""
-        begin("estimate", f"estimate: Gauss-Newton{checked}")
-        with done.timed("estimate"):
-            done.fit = estimate(case, window, model, weights=weights, integrator=integrator, draws=draws)
-    # the whole record is held against the plain wall, which is not what was fitted where more of it was free
-    if "reliability" in stages and done.fit is not None and not case.choices.free:
-        begin("reliability", "reliability: the whole record")
-        with done.timed("reliability"):
-            done.prediction = predict(case, done.fit, model)
+        bootstrap = f", then a bootstrap with {draws} records" if draws else ""
+        begin("estimate", f"estimate: Gauss-Newton{bootstrap}")
+        with result.timed("estimate"):
+            result.fit = estimate(case, window, model, weights=weights, integrator=integrator, draws=draws)
+    # the prediction uses the plain wall, which is not the fitted model where further parameters were estimated
+    if "reliability" in stages and result.fit is not None and not case.choices.free:
+        begin("reliability", "reliability: prediction over the entire record")
+        with result.timed("reliability"):
+            result.prediction = predict(case, result.fit, model)
     if "lengths" in stages:
-        _compare_lengths(done, begin, designing, model)
-    if "places" in stages and designing.added:
-        begin("places", "design: where a further sensor helps, and other steps")
-        with done.timed("places"):
-            choice = {name: word for name, word in designing.words.items() if name != "full"}
-            done.places = place_sensors(case, window, count=designing.added, **choice)
-            done.sampling = compare_sampling_steps(case, window)
+        _compare_lengths(result, begin, design_options, model)
+    if "places" in stages and design_options.further_sensors:
+        begin("places", "design: further sensors and sampling steps")
+        with result.timed("places"):
+            options = {name: value for name, value in design_options.options.items() if name != "full"}
+            result.sensor_placement = place_sensors(case, window, count=design_options.further_sensors, **options)
+            result.sampling = compare_sampling_steps(case, window)
 
 
-def _by_order(
+def _models_by_order(
     case: Case, window: Window, learned: LearnedModel, orders: Sequence[int], integrator: Integrator
 ) -> list[LearnedModel]:
-    """Reduced models of these orders, or of two below the one at hand beside it; none where there is none below."""
-    own = learned.system.order
-    wanted = orders or sorted({max(own // 5, 1), max(own // 2, 1), own})
-    if not orders and len(wanted) < 2:
-        return []
-    others = [order for order in wanted if order != own]
-    large, signals = full_order_model(case), training_signals(case, window)
-    found = {one.system.order: one for one in sweep_orders(large, others, signals, integrator=integrator)}
-    return [found.get(order, learned) for order in wanted]
+    """Reduced-order models of these orders; by default of the learned order and two lower ones, if there are any."""
+    learned_order = learned.system.order
+    if not orders:
+        orders = sorted({max(learned_order // 5, 1), max(learned_order // 2, 1), learned_order})
+        if len(orders) < 2:
+            return []
+    others = [order for order in orders if order != learned_order]
+    models = sweep_orders(full_order_model(case), others, training_signals(case, window), integrator=integrator)
+    by_order = {model.system.order: model for model in models}
+    return [by_order.get(order, learned) for order in orders]
 
 
-def _compare_lengths(done: Run, begin: _Shares, designing: Designing, model: StateSpace | None) -> None:
-    """What longer windows give, and what an estimate by a model costs where there is no flux in it."""
-    case, days = done.case, days_within(done.case)
+def _compare_lengths(
+    result: Run, begin: _StageProgress, design_options: DesignOptions, model: StateSpace | None
+) -> None:
+    """Compare window lengths: the information, and for a case without flux the duration of an estimate."""
+    case, days = result.case, days_within(result.case)
     if len(days) < 2:
         return
-    begin("lengths", "design: what longer windows give and cost")
-    with done.timed("lengths"):
+    begin("lengths", "design: window lengths")
+    with result.timed("lengths"):
         cost = None if model is None or fluxes_of(case) else partial(seconds_of_estimate, case, model=model)
-        done.lengths = compare_lengths(case, days, cost, **designing.words)
+        result.lengths = compare_lengths(case, days, cost, **design_options.options)
 
 
-def _of_fluxes(
-    done: Run,
+def _run_flux_stages(
+    result: Run,
     stages: Sequence[str],
     window: Window | None,
     weights: Literal["noise", "none"],
     integrator: Integrator,
     draws: int,
-    begin: _Shares,
-    designing: Designing,
+    begin: _StageProgress,
+    design_options: DesignOptions,
 ) -> None:
-    """A case without a sensor inside: which days its plates tell most of, or an estimate from all of its record."""
-    case = done.case
+    """Run the stages for a case without a sensor inside the wall: a design, or an estimate from the heat fluxes."""
+    case = result.case
     if "estimate" not in stages:
-        begin("design", "design: which days tell most")
-        with done.timed("design"):
-            done.design = design(case, integrator=integrator, **designing.words)
-        if done.design.informative and "lengths" in stages:
-            _compare_lengths(done, begin, designing, None)
+        begin("design", "design: the most informative days")
+        with result.timed("design"):
+            result.design = design(case, integrator=integrator, **design_options.options)
+        if result.design.informative and "lengths" in stages:
+            _compare_lengths(result, begin, design_options, None)
         return
     begin("estimate", "estimate: conductivity and heat capacity from the fluxes")
-    with done.timed("estimate"):
-        done.fit = estimate(case, window, weights=weights, integrator=integrator, draws=draws)
+    with result.timed("estimate"):
+        result.fit = estimate(case, window, weights=weights, integrator=integrator, draws=draws)
 
 
 def _check_orders(case: Case, orders: Sequence[int]) -> None:
-    """Refuse orders that cannot be learned before anything long begins."""
+    """Check that reduced-order models of these orders can be learned."""
     largest = case.choices.nodes - 2
     if orders and not case.sensors:
-        raise InputError("--orders: fluxes are estimated by the large model, so no reduced model is learned")
+        raise InputError(
+            "--orders: the estimate from fluxes uses the full-order model; no reduced-order model is learned"
+        )
     if orders and case.choices.model == "lom":
-        raise InputError('--orders: the case\'s model is "lom", so no reduced model is learned; take --model mim')
+        raise InputError('--orders: the model of the case is "lom"; no reduced-order model is learned; use --model mim')
     if wrong := [order for order in orders if not 1 <= order <= largest]:
-        raise InputError(f"--orders: {wrong[0]}; with {case.choices.nodes} nodes an order lies between 1 and {largest}")
+        raise InputError(f"--orders: {wrong[0]}; with {case.choices.nodes} nodes an order must be from 1 to {largest}")

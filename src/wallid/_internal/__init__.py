@@ -1,1 +1,1 @@
-"""What every package uses: errors, validation, units, number formats, and the options that make XLA fast."""
+"""What all packages use: errors, validation, units, number formats, array conversion and compiler options."""

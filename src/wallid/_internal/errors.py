@@ -1,7 +1,7 @@
-"""The error that a person can mend."""
+"""The error for invalid input."""
 
 from __future__ import annotations
 
 
 class InputError(ValueError):
-    """Something in the input that a person can mend; the command line answers it with exit status 2."""
+    """The input is invalid and the user can correct it; the command line then ends with exit status 2."""

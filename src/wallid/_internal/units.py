@@ -1,4 +1,4 @@
-"""Units that the field speaks in, in SI."""
+"""Units of time in SI."""
 
 DAY = 86400.0
 """s"""

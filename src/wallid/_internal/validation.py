@@ -1,7 +1,7 @@
-"""Checks of what a person wrote: each refusal names the field, what was found and what is right.
+"""Validation of user input: each error message gives the field, the value found and the allowed values.
 
-The classes that use them for all their fields are `no_type_check`: a type checker at run time, as in
-the tests, would refuse a value first, with a message for programmers.
+Classes that validate all their fields with these functions are marked `no_type_check`. Otherwise the run-time type
+checker of the tests would reject a value before these functions can give their message.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ T = TypeVar("T")
 
 
 @contextmanager
-def within(where: str) -> Iterator[None]:
-    """Put the place where a field stands in front of every refusal."""
+def error_context(context: str) -> Iterator[None]:
+    """Prefix the message of every InputError in this block with the context, such as "[wall]"."""
     try:
         yield
     except InputError as error:
-        raise InputError(f"{where}: {error}") from error.__cause__
+        raise InputError(f"{context}: {error}") from error.__cause__
 
 
-def show(value: object) -> str:
-    """A value as it would stand in a TOML file, on one line."""
+def format_value(value: object) -> str:
+    """A value as in a TOML file, on one line of at most 60 characters."""
     if isinstance(value, (str, bool, list, dict)):
         text = json.dumps(value, ensure_ascii=False, default=str)
     elif isinstance(value, np.generic):
@@ -41,9 +41,9 @@ def show(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
-    """The known name that was likely meant, as a question to append; empty where none is close."""
-    by_lower = {other.lower(): other for other in known}
+def spelling_hint(name: str, known: Iterable[str]) -> str:
+    """A question with the known name of closest spelling, to append to a message; empty where none is close."""
+    by_lower = {known_name.lower(): known_name for known_name in known}
     close = difflib.get_close_matches(name.lower(), by_lower, n=1)
     return f'; did you mean "{by_lower[close[0]]}"?' if close else ""
 
@@ -54,104 +54,112 @@ def number(
     unit: str = "",
     *,
     above: float | None = None,
-    least: float | None = None,
-    most: float | None = None,
+    minimum: float | None = None,
+    maximum: float | None = None,
     hint: str = "",
 ) -> float:
-    """A finite number within limits, as a plain float.
+    """A finite number within limits, as a float.
 
     Args:
+        name: of the field, for the message.
+        value: to be checked.
         unit: of the value, for the message.
-        above, least, most: value > above, value >= least, value <= most.
-        hint: what may have gone wrong where the value is beyond a limit.
+        above, minimum, maximum: limits: value > above, value >= minimum, value <= maximum.
+        hint: a likely cause, added to the message where the value exceeds a limit.
 
     Raises:
-        InputError: anything else; a bool or a text is no number.
+        InputError: the value is not a number (a bool or a text is not), not finite, or outside the limits.
     """
     limits = [
         f"{word} {limit:g}"
-        for word, limit in (("above", above), ("at least", least), ("at most", most))
+        for word, limit in (("above", above), ("at least", minimum), ("at most", maximum))
         if limit is not None
     ]
-    wanted = " ".join(filter(None, ["a finite number", " and ".join(limits), f"({unit})" if unit else ""]))
-    refusal = InputError(f"{name} = {show(value)}; it must be {wanted}")
+    allowed = " ".join(filter(None, ["a finite number", " and ".join(limits), f"({unit})" if unit else ""]))
+    error = InputError(f"{name} = {format_value(value)}; it must be {allowed}")
     if isinstance(value, (bool, np.bool_, str, bytes)) or not isinstance(value, SupportsFloat):
-        raise refusal
+        raise error
     try:
         result = float(value)
     except (TypeError, ValueError, OverflowError):  # an array, a traced value, 10**400
-        raise refusal from None
+        raise error from None
     if not math.isfinite(result):
-        raise refusal
+        raise error
     if (
         (above is not None and result <= above)
-        or (least is not None and result < least)
-        or (most is not None and result > most)
+        or (minimum is not None and result < minimum)
+        or (maximum is not None and result > maximum)
     ):
-        raise InputError(f"{refusal}{hint and f' ({hint})'}")
+        raise InputError(f"{error}{hint and f' ({hint})'}")
     return result
 
 
-def whole(name: str, value: Any, least: int, most: int | None = None, *, instead: str = "") -> int:
+def integer(name: str, value: Any, minimum: int, maximum: int | None = None, *, alternative: str = "") -> int:
     """A whole number within limits.
 
     Args:
-        instead: what else may stand there, for the message (`or "auto"`).
+        name: of the field, for the message.
+        value: to be checked.
+        minimum, maximum: limits, both allowed.
+        alternative: another allowed value, for the message, such as `or "auto"`.
+
+    Raises:
+        InputError: the value is not an integer within the limits.
     """
-    proper = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    if not proper or value < least or (most is not None and value > most):
-        limits = f"of at least {least}" if most is None else f"from {least} to {most}"
+    is_integer = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not is_integer or value < minimum or (maximum is not None and value > maximum):
+        limits = f"of at least {minimum}" if maximum is None else f"from {minimum} to {maximum}"
         raise InputError(
-            " ".join(filter(None, [f"{name} = {show(value)}; it must be a whole number {limits}", instead]))
+            " ".join(filter(None, [f"{name} = {format_value(value)}; it must be a whole number {limits}", alternative]))
         )
     return int(value)
 
 
-def series(
-    name: str, value: object, unit: str = "", *, fewest: int = 1, above: float | None = None
+def number_tuple(
+    name: str, value: object, unit: str = "", *, min_count: int = 1, above: float | None = None
 ) -> tuple[float, ...]:
-    """A list of at least `fewest` finite numbers, as a tuple."""
+    """A list of at least `min_count` finite numbers, as a tuple of floats."""
     if isinstance(value, (str, bytes, dict)) or not isinstance(value, Iterable):
-        raise InputError(f"{name} = {show(value)}; it must be a list of numbers")
+        raise InputError(f"{name} = {format_value(value)}; it must be a list of numbers")
     items = tuple(value)
-    if len(items) < fewest:
-        raise InputError(f"{name} = {show(list(items))}; it must be a list of at least {fewest} number(s)")
+    if len(items) < min_count:
+        raise InputError(f"{name} = {format_value(list(items))}; it must be a list of at least {min_count} number(s)")
     return tuple(number(f"value {i} of {name}", v, unit, above=above) for i, v in enumerate(items, start=1))
 
 
 def text(name: str, value: object) -> str:
-    """A text that is not empty."""
+    """A text that is not blank."""
     if not isinstance(value, str) or not value.strip():
-        raise InputError(f"{name} = {show(value)}; it must be a text")
+        raise InputError(f"{name} = {format_value(value)}; it must be a text")
     return value
 
 
 def one_of(name: str, value: object, allowed: Sequence[str]) -> str:
-    """One of a few words."""
+    """One of the allowed texts."""
     if not isinstance(value, str) or value not in allowed:
         words = " or ".join(f'"{word}"' for word in allowed)
-        raise InputError(f"{name} = {show(value)}; it must be {words}")
+        raise InputError(f"{name} = {format_value(value)}; it must be {words}")
     return value
 
 
-def settle(instance: object, **values: object) -> None:
-    """Put checked values into a frozen dataclass while it is being made."""
+def set_fields(instance: object, **values: object) -> None:
+    """Set fields of a frozen dataclass, in its `__post_init__`."""
     for name, value in values.items():
         object.__setattr__(instance, name, value)
 
 
-def keys(table: object, required: Collection[str], optional: Collection[str] = ()) -> dict[str, Any]:
-    """A TOML table after a check of its keys.
+def checked_table(table: object, required: Collection[str], optional: Collection[str] = ()) -> dict[str, Any]:
+    """A TOML table whose keys are all known and which has all required keys.
 
     Raises:
-        InputError: no table, an unknown key, or a required key that is missing.
+        InputError: the value is not a table, a key is unknown, or a required key is missing.
     """
     if not isinstance(table, dict):
-        raise InputError(f"found {show(table)}; it must be a table")
+        raise InputError(f"found {format_value(table)}; it must be a table")
     known = (*required, *optional)
     for key in table:
         if key not in known:
-            hint = nearest(key, known) or f"; known are {', '.join(known)}"
+            hint = spelling_hint(key, known) or f"; known are {', '.join(known)}"
             raise InputError(f'unknown key "{key}"{hint}')
     for key in required:
         if key not in table:
@@ -159,15 +167,15 @@ def keys(table: object, required: Collection[str], optional: Collection[str] = (
     return table
 
 
-def tables(name: str, value: object) -> list[object]:
-    """An array of TOML tables, to be checked one by one."""
+def array_of_tables(name: str, value: object) -> list[object]:
+    """A TOML array of tables; its elements are not checked here."""
     if not isinstance(value, list):
         raise InputError(f"[{name}]: it must be a list of tables; write [[{name}]], with double brackets")
     return value
 
 
-def build(cls: type[T], table: object) -> T:
-    """A dataclass from a TOML table whose keys are its fields; the class checks the values."""
-    needed = [f.name for f in fields(cls) if f.default is MISSING]  # pyright: ignore[reportArgumentType]
+def dataclass_from_table(cls: type[T], table: object) -> T:
+    """An instance of a dataclass from a TOML table with a key for each field; the class checks the values."""
+    required = [f.name for f in fields(cls) if f.default is MISSING]  # pyright: ignore[reportArgumentType]
     optional = [f.name for f in fields(cls) if f.default is not MISSING]  # pyright: ignore[reportArgumentType]
-    return cls(**keys(table, needed, optional))
+    return cls(**checked_table(table, required, optional))

@@ -1,4 +1,4 @@
-"""A case: the wall, its sensors, the record and the options; read from TOML or made in Python, every field checked."""
+"""A case: the wall, its sensors, the record and the options; read from TOML or made in Python."""
 
 from .case_definition import Case, LearningSignal
 from .case_file import load, packaged

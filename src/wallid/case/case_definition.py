@@ -1,27 +1,32 @@
-"""What a case is: a wall, its sensors, the record and the options, each field checked."""
+"""A case: the wall, its sensors, the record and the options, checked against each other."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import no_type_check
+from typing import TYPE_CHECKING, Any, no_type_check
 
 import numpy as np
 
 from .._internal.errors import InputError
-from .._internal.validation import number, series, settle, within
+from .._internal.validation import error_context, number, number_tuple, set_fields
+from ..records.dataframe_table import with_time_column
 from ..records.uniform_record import Record
+from .case_tables import RECORD_OPTIONS, parse_choices, parse_record, parse_sensors, parse_wall, sensor_tables
 from .options import Choices, check_choices
-from .wall_and_sensors import Sensor, Wall
+from .wall_and_sensors import Sensor, Wall, check_sensors
 
-_LEARNING_FACTORS = (0.25, 1.0, 4.0, 16.0)  # of the prior, which may be wrong by several times
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+_LEARNING_FACTORS = (0.25, 1.0, 4.0, 16.0)  # times the prior, which may be wrong by a factor of several
 
 
 @no_type_check
 @dataclass(frozen=True, eq=False)
 class LearningSignal:
-    """One run of the large model that the reduced model learns from.
+    """A training signal: one simulation of the full-order model from which the reduced-order model is learned.
 
     Args:
         diffusivity: m2/s.
@@ -30,7 +35,7 @@ class LearningSignal:
         coefficients: of the initial profile `sum_k a_k (x/L)^k`, degC.
 
     Raises:
-        InputError: a diffusivity that is not above 0, or a coefficient that is no number.
+        InputError: the diffusivity is not above 0, or a coefficient is not a number.
     """
 
     diffusivity: float
@@ -39,29 +44,43 @@ class LearningSignal:
     coefficients: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        settle(
+        set_fields(
             self,
             diffusivity=number("diffusivity", self.diffusivity, "m2/s", above=0.0),
-            coefficients=series("initial_coefficients", self.coefficients, "degC"),
+            coefficients=number_tuple("initial_coefficients", self.coefficients, "degC"),
         )
 
 
 @dataclass(frozen=True)
 class Case:
-    """A wall, what was logged of it, and what to do with it.
+    """A wall, the record of its temperatures, and the options of the method.
+
+    `load` reads a case from a TOML file, `Case.from_dataframe` takes a DataFrame. All that the file can state can also
+    be stated in Python:
+
+    | in the file | in Python |
+    |---|---|
+    | `[wall]`, `[[wall.layer]]` | `Wall`, with `layers` a sequence of `Layer` |
+    | `[record]`: columns | arguments of `from_dataframe` or of `read_record` |
+    | `[record]`: standard deviations | fields of `Record`; keyword arguments of `from_dataframe` and `read_record` |
+    | `[record]`: file format | `records.FileFormat`; keyword arguments of `from_dataframe` |
+    | `[[sensor]]` | `Sensor` |
+    | `[choices]` | `case.Choices`; keyword arguments of `from_dataframe` |
+    | `[learning]`, `[[learning.signal]]` | a sequence of `case.LearningSignal` |
+    | `[case]` | `name`, `description` |
 
     Args:
-        name: how tables and reports call it.
-        path: of the TOML file.
+        name: title in tables and reports.
+        path: of the TOML file, for messages.
         wall: the wall.
         sensors: one per sensor inside the wall, in the order of the record's columns.
-        record: what was logged.
-        choices: what to do; learning diffusivities that are None follow from the wall's prior.
-        learning: runs to learn from, in place of ones derived from the record; may be empty.
+        record: the logged temperatures and regressors.
+        choices: the options; `learning_diffusivities` of None follow from the wall's prior.
+        learning: training signals to use instead of those derived from the record; may be empty.
         description: one line.
 
     Raises:
-        InputError: parts that do not fit each other.
+        InputError: the parts do not fit each other.
     """
 
     name: str
@@ -74,21 +93,81 @@ class Case:
     description: str = ""
 
     def __post_init__(self) -> None:
-        settle(self, sensors=tuple(self.sensors), learning=tuple(self.learning))
-        _check_sensors(self.wall, self.sensors)
-        names, logged = tuple(sensor.name for sensor in self.sensors), self.record.names
-        if logged != names:
-            found, wanted = (", ".join(group) or "none" for group in (logged, names))
-            raise InputError(f"the record's sensors are {found}; they must be the case's, {wanted}")
+        set_fields(self, sensors=tuple(self.sensors), learning=tuple(self.learning))
+        check_sensors(self.wall, self.sensors)
+        names = tuple(sensor.name for sensor in self.sensors)
+        if self.record.names != names:
+            in_record, in_case = (", ".join(group) or "none" for group in (self.record.names, names))
+            raise InputError(f"the record's sensors are {in_record}; they must be the case's, {in_case}")
         if not self.sensors and not {"flux_left", "flux_right"} & set(self.record.regressors):
             raise InputError("no [[sensor]] and no flux; at least one sensor, flux_left or flux_right is needed")
-        with within("[choices]"):
+        with error_context("[choices]"):
             check_choices(self.choices, self.record)
             if "layers" in self.choices.free and len(self.wall.layers) < 2:
                 raise InputError('free = "layers": the wall has no layers; state two [[wall.layer]] at least')
         if self.choices.learning_diffusivities is None:
-            derived = tuple(factor * self.wall.diffusivity_prior for factor in _LEARNING_FACTORS)
-            settle(self, choices=replace(self.choices, learning_diffusivities=derived))
+            diffusivities = tuple(factor * self.wall.diffusivity_prior for factor in _LEARNING_FACTORS)
+            set_fields(self, choices=replace(self.choices, learning_diffusivities=diffusivities))
+
+    @classmethod
+    def from_dataframe(
+        cls,
+        data: DataFrame,
+        *,
+        left: str,
+        right: str,
+        time: str | None = None,
+        wall: Wall | None = None,
+        length: float | None = None,
+        diffusivity_prior: float | None = None,
+        sensors: Mapping[str, float] | Sequence[Sensor] = (),
+        noise_std: float | None = None,
+        regressors: Mapping[str, str] | None = None,
+        learning: Sequence[LearningSignal] = (),
+        name: str = "DataFrame",
+        description: str = "",
+        **options: Any,
+    ) -> Case:
+        """A case from a pandas DataFrame, with the same checks and messages as a case from a file.
+
+            case = Case.from_dataframe(
+                data, left="T_left", right="T_right", length=0.43, diffusivity_prior=5e-7,
+                sensors={"T1": 0.05, "T2": 0.3}, noise_std=0.05, window_days=2.0,
+            )
+
+        Messages count lines as in the file that `data.to_csv` writes: the first row is line 2.
+
+        Args:
+            data: the readings, degC, one row for each time.
+            left, right: columns of the face temperatures at x = 0 and x = length.
+            time: the column of times (datetimes, ISO 8601 or s); None for the index.
+            wall: the wall; or None, with `length` (m) and `diffusivity_prior` (m2/s).
+            sensors: position (m from the left face) by column, or a sequence of `Sensor`.
+            noise_std: K, of the readings of sensors that are given by position.
+            regressors: the column for each regressor, such as {"flux_left": "q1"}.
+            learning, name, description: as in `Case`.
+            options: any option of `[record]` (`boundary_noise_std`, `face_position_std`, `flux_noise_std`,
+                `flux_gain_std`, or a field of `FileFormat` such as `unit` or `timezone`) or of `[choices]`.
+
+        Raises:
+            InputError: a value, a column or an option is missing or invalid.
+        """
+        if wall is None:
+            values = {"length": length, "diffusivity_prior": diffusivity_prior}
+            wall = parse_wall({key: value for key, value in values.items() if value is not None})
+        elif length is not None or diffusivity_prior is not None:
+            raise InputError("wall is given; length and diffusivity_prior must then be left out")
+        if isinstance(sensors, Mapping):
+            sensors = parse_sensors(sensor_tables(sensors, noise_std))
+        elif noise_std is not None:
+            raise InputError("noise_std is for sensors given as {column: position}; each Sensor has its own")
+        check_sensors(wall, sensors)
+        choices = parse_choices({k: value for k, value in options.items() if k not in RECORD_OPTIONS}, sensors)
+        data, time = with_time_column(data, time)
+        stated = {key: value for key, value in options.items() if key in RECORD_OPTIONS}
+        table = parse_record({**(regressors or {}), **stated, "time": time, "left": left, "right": right})
+        record = table.with_noise(table.read(data, sensors), sensors)
+        return cls(name, Path(record.file), wall, tuple(sensors), record, choices, tuple(learning), description)
 
     def __str__(self) -> str:
         wall, choices = self.wall, self.choices
@@ -96,8 +175,8 @@ class Case:
         layers = f", {len(wall.layers)} layers" if wall.layers else ""
         sensors = ", ".join(f"{sensor.name} at {sensor.position:g} m" for sensor in self.sensors)
         if self.sensors:
-            sensors += f"; noise {_span([s.noise_std for s in self.sensors])} K"
-            sensors += f", position +-{_span([1e3 * s.position_std for s in self.sensors])} mm"
+            sensors += f"; noise {_range_text([s.noise_std for s in self.sensors])} K"
+            sensors += f", position +-{_range_text([1e3 * s.position_std for s in self.sensors])} mm"
         faces = self.record.face_position_std
         lines = [
             f"{self.name}{self.description and f': {self.description}'}",
@@ -111,28 +190,6 @@ class Case:
         return "\n".join(lines).replace("\n", "\n  ")
 
 
-def _place(count: int, name: object) -> str:
-    """How messages call a sensor's table."""
-    return f'[[sensor]] {count} "{name}"' if isinstance(name, str) else f"[[sensor]] {count}"
-
-
-def _check_sensors(wall: Wall, sensors: Sequence[Sensor]) -> None:
-    """Sensors are inside the wall, each with a name and a place of its own."""
-    for count, sensor in enumerate(sensors, start=1):
-        with within(_place(count, sensor.name)):
-            if not 0.0 < sensor.position < wall.length:
-                raise InputError(
-                    f"position = {sensor.position!r} m is not inside the wall; it must lie between 0 and "
-                    f"length = {wall.length!r} m"
-                )
-            for other, earlier in enumerate(sensors[: count - 1], start=1):
-                if sensor.name == earlier.name:
-                    raise InputError(f"name is that of [[sensor]] {other}; names must differ")
-                if sensor.position == earlier.position:
-                    there = f"is that of [[sensor]] {other}; positions must differ"
-                    raise InputError(f"position = {sensor.position!r} m {there}")
-
-
-def _span(values: Sequence[float]) -> str:
+def _range_text(values: Sequence[float]) -> str:
     low, high = min(values), max(values)
     return f"{low:g}" if low == high else f"{low:g} to {high:g}"

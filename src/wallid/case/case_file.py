@@ -1,79 +1,63 @@
-"""A case: a wall, what was logged of it, and what to do with it; read from TOML, every field checked."""
+"""Reading a case from its TOML file."""
 
 from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .._internal.errors import InputError
-from .._internal.validation import build, keys, nearest, number, series, tables, text, within
-from ..records.file_format import Format
-from ..records.table_columns import read_columns
-from ..records.uniform_record import REGRESSORS, read_record
-from .case_definition import Case, LearningSignal, _check_sensors, _place
-from .options import Choices
-from .wall_and_sensors import Layer, Sensor, Wall
+from .._internal.validation import (
+    array_of_tables,
+    checked_table,
+    error_context,
+    number,
+    number_tuple,
+    spelling_hint,
+    text,
+)
+from ..records.table_columns import read_uniform_table
+from .case_definition import Case, LearningSignal
+from .case_tables import parse_choices, parse_record, parse_sensors, parse_wall
+from .wall_and_sensors import check_sensors
 
 _EXAMPLES = Path(__file__).parents[1] / "examples"
-_BOUNDARY_NOISE_STD = 0.1  # K, where no inner sensor tells how well was measured
-_FORMAT = tuple(f.name for f in fields(Format))
 
 
 def load(path_or_name: str | os.PathLike[str]) -> Case:
-    """A case from its TOML file, from the folder that holds its case.toml, or a packaged one by name.
+    """Load a case from a TOML file, from a folder with a case.toml, or from the packaged cases by name.
 
     Args:
-        path_or_name: what exists as a path is not looked for among the packaged cases.
+        path_or_name: a file, a folder, or the name of a packaged case. An existing path has priority.
 
     Raises:
-        InputError: what is wrong, with file and field, or file, line and column.
+        InputError: a field of the case or a cell of the record is missing or invalid.
     """
     path = _find(path_or_name)
-    with within(str(path)):
-        document = keys(_parse(path), ("wall", "record"), ("sensor", "choices", "learning", "case", "description"))
-        name, description = _about(document, path)
-        wall = _wall(document["wall"])
-        sensors = _sensors(document.get("sensor", []))
-        _check_sensors(wall, sensors)  # before the record, whose columns they name
-        choices = _choices(document.get("choices", {}), sensors)
-        with within("[record]"):
-            source = keys(
-                document["record"],
-                ("file", "time", "left", "right"),
-                ("boundary_noise_std", "face_position_std", "flux_noise_std", "flux_gain_std", *REGRESSORS, *_FORMAT),
-            )
-            form = Format(**{key: value for key, value in source.items() if key in _FORMAT})
-            plain = {key: value for key, value in source.items() if not key.endswith("_std") and key not in _FORMAT}
-            columns = {key: text(key, value) for key, value in plain.items()}
-        plan = _plan_learning(document["learning"]) if "learning" in document else None
-    # what is wrong in a CSV file is told with that file's name
-    record = read_record(
-        path.parent / columns.pop("file"),
-        time=columns.pop("time"),
-        left=columns.pop("left"),
-        right=columns.pop("right"),
-        sensors=[sensor.name for sensor in sensors],
-        regressors=columns,
-        form=form,
-        units={sensor.name: sensor.unit for sensor in sensors if sensor.unit is not None},
-    )
-    learning = _read_learning(plan, path.parent) if plan else ()
-    with within(str(path)):
-        noise = {key: value for key, value in source.items() if key.endswith("_std")}
-        default = min((sensor.noise_std for sensor in sensors), default=_BOUNDARY_NOISE_STD)
-        with within("[record]"):
-            record = replace(record, **{"boundary_noise_std": default, **noise})
+    with error_context(str(path)):
+        optional = ("sensor", "choices", "learning", "case", "description")
+        document = checked_table(_parse(path), ("wall", "record"), optional)
+        name, description = _name_and_description(document, path)
+        wall = parse_wall(document["wall"])
+        sensors = parse_sensors(document.get("sensor", []))
+        check_sensors(wall, sensors)  # before the record is read: it must have a column for each sensor
+        choices = parse_choices(document.get("choices", {}), sensors)
+        table = parse_record(document["record"], ("file", "time", "left", "right"))
+        learning_table = _parse_learning(document["learning"]) if "learning" in document else None
+    # errors in a CSV file begin with the name of that file, not of the case file
+    record = table.read(path.parent / table.columns["file"], sensors)
+    learning = _read_learning(learning_table, path.parent) if learning_table else ()
+    with error_context(str(path)):
+        record = table.with_noise(record, sensors)
         return Case(name, path, wall, sensors, record, choices, learning, description)
 
 
 def packaged() -> tuple[str, ...]:
-    """The names of the cases that come with the package."""
+    """The names of the packaged cases."""
     return tuple(sorted(path.parent.name for path in _EXAMPLES.glob("*/case.toml")))
 
 
@@ -88,7 +72,7 @@ def _find(path_or_name: str | os.PathLike[str]) -> Path:
     if name not in packaged():
         raise InputError(
             f"{name}: there is no such file or folder, nor a packaged case of that name; packaged are "
-            f"{', '.join(packaged())}{nearest(name, packaged())}"
+            f"{', '.join(packaged())}{spelling_hint(name, packaged())}"
         )
     return _EXAMPLES / name / "case.toml"
 
@@ -104,51 +88,20 @@ def _parse(path: Path) -> dict[str, Any]:
         raise InputError(f"not valid TOML: {error}") from error
 
 
-def _about(document: dict[str, Any], path: Path) -> tuple[str, str]:
-    """A case's name and description."""
+def _name_and_description(document: dict[str, Any], path: Path) -> tuple[str, str]:
+    """The name and description of a case."""
     path = path.resolve()
     default = path.parent.name if path.name == "case.toml" else path.stem
-    with within("[case]"):
-        about = keys(document.get("case", {}), (), ("name", "description"))
+    with error_context("[case]"):
+        about = checked_table(document.get("case", {}), (), ("name", "description"))
         name = text("name", about.get("name", default))
     description = about.get("description", document.get("description"))
     return name, "" if description is None else text("description", description)
 
 
-def _wall(table: object) -> Wall:
-    with within("[wall]"):
-        known = {f.name for f in fields(Wall)} - {"length", "layers"}
-        values = dict(keys(table, ("length",), (*sorted(known), "layer")))
-        if "diffusivity_prior" in values:  # a NaN would mean that it was left out
-            number("diffusivity_prior", values["diffusivity_prior"], "m2/s")
-        layers = values.pop("layer", [])
-    parts = []
-    for count, layer in enumerate(tables("wall.layer", layers), start=1):
-        with within(f"[[wall.layer]] {count}"):
-            parts.append(build(Layer, layer))
-    with within("[wall]"):
-        return Wall(**values, layers=tuple(parts))
-
-
-def _sensors(value: object) -> tuple[Sensor, ...]:
-    sensors = []
-    for count, table in enumerate(tables("sensor", value), start=1):
-        with within(_place(count, table.get("name") if isinstance(table, dict) else None)):
-            sensors.append(build(Sensor, table))
-    return tuple(sensors)
-
-
-def _choices(table: object, sensors: Sequence[Sensor]) -> Choices:
-    with within("[choices]"):
-        choices = build(Choices, table)
-        if isinstance(table, dict) and "initial_profile" in table:
-            return choices
-        return replace(choices, initial_profile=min(choices.initial_profile, len(sensors) + 1))
-
-
 @dataclass(frozen=True)
-class _LearningPlan:
-    """The `[learning]` table, its signals as (diffusivity, left column, right column)."""
+class _LearningTable:
+    """The table `[learning]`; each signal is (diffusivity, left column, right column)."""
 
     file: str
     time: str
@@ -156,25 +109,25 @@ class _LearningPlan:
     signals: tuple[tuple[float, str, str], ...]
 
 
-def _plan_learning(table: object) -> _LearningPlan:
-    with within("[learning]"):
-        values = keys(table, ("file", "time", "initial_coefficients", "signal"))
+def _parse_learning(table: object) -> _LearningTable:
+    with error_context("[learning]"):
+        values = checked_table(table, ("file", "time", "initial_coefficients", "signal"))
         file, time = text("file", values["file"]), text("time", values["time"])
-        coefficients = series("initial_coefficients", values["initial_coefficients"], "degC")
+        coefficients = number_tuple("initial_coefficients", values["initial_coefficients"], "degC")
     signals = []
-    for count, signal in enumerate(tables("learning.signal", values["signal"]), start=1):
-        with within(f"[[learning.signal]] {count}"):
-            one = keys(signal, ("diffusivity", "left", "right"))
+    for count, signal in enumerate(array_of_tables("learning.signal", values["signal"]), start=1):
+        with error_context(f"[[learning.signal]] {count}"):
+            one = checked_table(signal, ("diffusivity", "left", "right"))
             diffusivity = number("diffusivity", one["diffusivity"], "m2/s", above=0.0)
             signals.append((diffusivity, text("left", one["left"]), text("right", one["right"])))
     if not signals:
         raise InputError("[learning] has no [[learning.signal]]; list at least one, or leave the table out")
-    return _LearningPlan(file, time, coefficients, tuple(signals))
+    return _LearningTable(file, time, coefficients, tuple(signals))
 
 
-def _read_learning(plan: _LearningPlan, folder: Path) -> tuple[LearningSignal, ...]:
+def _read_learning(plan: _LearningTable, folder: Path) -> tuple[LearningSignal, ...]:
     columns = [column for _, left, right in plan.signals for column in (left, right)]
-    table = read_columns(folder / plan.file, plan.time, columns)
+    table = read_uniform_table(folder / plan.file, plan.time, columns)
     return tuple(
         LearningSignal(
             diffusivity,

@@ -1,4 +1,4 @@
-"""The temperature profile at a window's first row, fitted through the readings there."""
+"""The initial temperature profile of a window, fitted to the readings of its first row."""
 
 from __future__ import annotations
 
@@ -12,69 +12,70 @@ from .time_window import Window
 
 
 @dataclass(frozen=True)
-class Profile:
-    """An initial profile `T(x, 0) = sum_k a_k x*^k` fitted through the faces and sensors.
+class InitialProfile:
+    """An initial profile `T(x, 0) = sum_k a_k (x/L)^k` fitted to the faces and sensors.
 
     Args:
-        coefficients: a_k in degC.
-        per_reading: how each sensor's reading moves them, `(param, sensor)`, 1.
-        eps_2: root mean square of the fit, K; None where the profile was given.
+        coefficients: a_k, degC, (param,).
+        coefficients_per_reading: derivative of the coefficients with respect to each sensor's reading, (param, sensor).
+        eps_2: root mean square residual of the fit, K; None for a profile that the case states.
     """
 
     coefficients: np.ndarray
-    per_reading: np.ndarray
+    coefficients_per_reading: np.ndarray
     eps_2: float | None
 
 
 def scales(case: Case) -> Scales:
-    """The reference values: a day, 20 K, and the faces' lowest whole degree."""
+    """The reference values of a case: a day, 20 K, and the lowest face temperature rounded down to 1 K."""
     return Scales.of(case.wall, temperature_min=float(np.floor(case.record.faces.min())))
 
 
 def profile_degree(case: Case) -> int:
-    """The degree of the initial profile's polynomial in this case's models."""
-    given = [case.choices.initial_coefficients or (), *(signal.coefficients for signal in case.learning)]
-    return max(case.choices.initial_profile, *(len(coefficients) - 1 for coefficients in given))
+    """The degree of the polynomial of the initial profile in the models of this case."""
+    stated = [case.choices.initial_coefficients or (), *(signal.coefficients for signal in case.learning)]
+    return max(case.choices.initial_profile, *(len(coefficients) - 1 for coefficients in stated))
 
 
-def fit_profile(case: Case, row: int) -> Profile:
+def fit_profile(case: Case, row: int) -> InitialProfile:
     """The initial profile of a window that starts at `row`.
 
-    A least-squares polynomial through the faces and the sensors that have a reading there, of the
-    degree chosen or the highest that these points give. The case's given coefficients hold at the
-    record's first row.
+    It is the least-squares polynomial through the readings of the faces and sensors in this row. Its degree is
+    `[choices] initial_profile`, or less where there are too few readings. Coefficients stated in the case apply to the
+    first row of the record.
     """
     count = profile_degree(case) + 1
-    given = case.choices.initial_coefficients
-    if given is not None and row == 0:
-        still = np.zeros((count, len(case.sensors)))
-        return Profile(np.pad(np.asarray(given, float), (0, count - len(given))), still, None)
+    stated = case.choices.initial_coefficients
+    if stated is not None and row == 0:
+        no_derivative = np.zeros((count, len(case.sensors)))
+        return InitialProfile(np.pad(np.asarray(stated, float), (0, count - len(stated))), no_derivative, None)
     record, length = case.record, case.wall.length
-    places = np.array([0.0, 1.0, *(sensor.position / length for sensor in case.sensors)])
+    positions = np.array([0.0, 1.0, *(sensor.position / length for sensor in case.sensors)])
     readings = np.concatenate([record.faces[row], record.sensors[row]])
-    there = np.isfinite(readings)
-    degree = min(case.choices.initial_profile, int(there.sum()) - 1)
-    basis = np.vander(places[there], degree + 1, increasing=True)
-    per_reading = np.zeros((count, len(places)))
-    per_reading[: degree + 1, there] = np.linalg.pinv(basis)
-    coefficients = per_reading[:, there] @ readings[there]
-    misfit = basis @ coefficients[: degree + 1] - readings[there]
-    return Profile(coefficients, per_reading[:, 2:], float(np.sqrt(np.mean(misfit**2))))
+    present = np.isfinite(readings)
+    degree = min(case.choices.initial_profile, int(present.sum()) - 1)
+    basis = np.vander(positions[present], degree + 1, increasing=True)
+    per_reading = np.zeros((count, len(positions)))
+    per_reading[: degree + 1, present] = np.linalg.pinv(basis)
+    coefficients = per_reading[:, present] @ readings[present]
+    residual = basis @ coefficients[: degree + 1] - readings[present]
+    return InitialProfile(coefficients, per_reading[:, 2:], float(np.sqrt(np.mean(residual**2))))
 
 
 def dimensionless_profile(coefficients: np.ndarray, scale: Scales) -> np.ndarray:
-    """A profile's coefficients in u: the constant alone carries T_min."""
+    """The coefficients of a profile in dimensionless temperature u; T_min enters the constant only."""
     shifted = np.array(coefficients, float)
     shifted[0] -= scale.temperature_min
     return shifted / scale.temperature
 
 
 PROFILE_MODES = 8
-_LEAST_SPAN = 1.0  # K, of the temperatures that the initial profile may lie between
+"""How many sine modes of the initial profile are nuisance parameters."""
+_MIN_RANGE = 1.0  # K
 
 
-def window_span(case: Case, window: Window) -> float:
-    """From the coldest reading of a window to the warmest, K, at least `_LEAST_SPAN`."""
+def window_temperature_range(case: Case, window: Window) -> float:
+    """The range of all readings in a window, K, at least `_MIN_RANGE`; it scales the prior of the initial profile."""
     part = case.record.window(window.row, window.rows)
     readings = np.concatenate([part.faces.ravel(), part.sensors.ravel()])
-    return max(_LEAST_SPAN, float(np.nanmax(readings) - np.nanmin(readings)))
+    return max(_MIN_RANGE, float(np.nanmax(readings) - np.nanmin(readings)))

@@ -1,4 +1,4 @@
-"""What to do with a case: windows, models, iteration; each with a default and its limits."""
+"""The options of a case: windows, models, iteration, noise."""
 
 from __future__ import annotations
 
@@ -7,47 +7,48 @@ from typing import Literal, no_type_check
 
 from .._internal.errors import InputError
 from .._internal.units import DAY
-from .._internal.validation import number, one_of, series, settle, whole
-from ..records.table_columns import FEWEST_ROWS
+from .._internal.validation import integer, number, number_tuple, one_of, set_fields
+from ..records.table_columns import MIN_ROWS
 from ..records.uniform_record import Record
 
-FREE = ("layers", "film_left", "film_right")
-_MOST_DAYS = 1e5
-_MOST_NODES = 5000  # past it, the dense matrices of the large model fill the memory
+FREE_PARAMETERS = ("layers", "film_left", "film_right")
+_MAX_DAYS = 1e5
+_MAX_NODES = 5000  # more nodes: the dense matrices of the full-order model fill the memory
 
 
 @no_type_check
 @dataclass(frozen=True)
 class Choices:
-    """What to do with a case; everything has a default.
+    """The options of the method; each has a default.
 
     Args:
-        window_days: length of the window that the design looks for, days.
-        order: of the reduced model, or "auto".
-        learning_diffusivities: that the reduced model learns from, m2/s; None lets the case take
-            0.25, 1, 4 and 16 times the wall's prior.
-        model: what the estimate runs, the reduced model ("mim") or the large one ("lom").
-        nodes: of the large model, both faces included.
-        initial_profile: degree of the polynomial fitted as the initial profile; a file that leaves
-            it out gets the highest up to 2 that faces and sensors can give.
-        initial_coefficients: of a known initial profile `sum_k a_k (x/L)^k` at the record's first
-            row, degC.
-        eta: the Gauss-Newton iteration ends where its criteria fall below.
-        seed: of everything random.
-        diagnose_days: of the record that the diagnosis uses; None means all.
+        window_days: length of the windows that the experiment design compares, days.
+        order: of the reduced-order model, or "auto".
+        learning_diffusivities: diffusivities of the training signals, m2/s; None gives 0.25, 1, 4 and 16 times the
+            prior of the wall.
+        model: for the estimate, the reduced-order model ("mim") or the full-order model ("lom").
+        nodes: of the full-order model, both faces included.
+        initial_profile: degree (0, 1 or 2) of the polynomial fitted as the initial profile. Where a case file leaves
+            it out, it is the highest degree up to 2 that the number of faces and sensors permits.
+        initial_coefficients: of a known initial profile `sum_k a_k (x/L)^k` at the first row of the record, degC.
+        eta: the Gauss-Newton iteration stops where its criteria are below this value.
+        seed: of all random numbers.
+        diagnose_days: length of the part of the record that the diagnosis uses, days; None for the entire record.
         max_iterations: of Gauss-Newton.
-        largest_interval_factor: upper over lower end of a 95 % interval past which the record is
-            said not to hold the diffusivity.
-        noise: "estimated": the noise's size, and the share and memory of a correlated remainder, are the
-            record's where it tells them; "stated": as the case states it, white, and a misfit widens the interval;
-            "robust": readings weighted as stated, the interval by the noise that is then found. None takes
-            "estimated", with a heat flux "robust": what a wall's model leaves in a flux is misfit with a long
-            memory, whose covariance would let the fast changes alone decide.
-        free: what of the wall is estimated beside its diffusivity: "layers" (the conductivity of each beside the first
-            one's), "film_left", "film_right" (that face's column is the air's temperature).
+        largest_interval_factor: largest ratio of the upper to the lower end of the 95 % interval for which the record
+            counts as informative.
+        noise: the noise model. "estimated": standard deviation, share and correlation time of autocorrelated noise
+            are estimated from the residual where it is informative. "stated": white noise as the case states it, and a
+            misfit widens the interval. "robust": readings are weighted with the stated noise, and the interval is
+            computed with the noise estimated from the residual. None gives "estimated", or "robust" for a record with
+            a heat flux: the residual of a flux is a misfit of the model with a long correlation time, and generalised
+            least squares with its covariance would use the fast changes only.
+        free: parameters of the wall that are estimated in addition to the diffusivity: "layers" (the conductivity of
+            each layer relative to that of the first), "film_left", "film_right" (the surface resistance, where the
+            column of that face is the air temperature).
 
     Raises:
-        InputError: a value beyond its limits.
+        InputError: a value is outside its limits.
     """
 
     window_days: float = 3.0
@@ -71,48 +72,48 @@ class Choices:
             one_of("noise", self.noise, ("estimated", "stated", "robust"))
         free = (self.free,) if isinstance(self.free, str) else tuple(self.free)
         for part in free:
-            one_of("free", part, FREE)
-        settle(
+            one_of("free", part, FREE_PARAMETERS)
+        set_fields(
             self,
-            free=tuple(part for part in FREE if part in free),
-            window_days=number("window_days", self.window_days, "days", above=0.0, most=_MOST_DAYS),
-            order="auto" if self.order == "auto" else whole("order", self.order, 1, 60, instead='or "auto"'),
-            nodes=whole("nodes", self.nodes, 5, _MOST_NODES),
-            initial_profile=whole("initial_profile", self.initial_profile, 0, 2),
+            free=tuple(part for part in FREE_PARAMETERS if part in free),
+            window_days=number("window_days", self.window_days, "days", above=0.0, maximum=_MAX_DAYS),
+            order="auto" if self.order == "auto" else integer("order", self.order, 1, 60, alternative='or "auto"'),
+            nodes=integer("nodes", self.nodes, 5, _MAX_NODES),
+            initial_profile=integer("initial_profile", self.initial_profile, 0, 2),
             eta=number("eta", self.eta, above=0.0),
-            seed=whole("seed", self.seed, 0),
-            max_iterations=whole("max_iterations", self.max_iterations, 1),
+            seed=integer("seed", self.seed, 0),
+            max_iterations=integer("max_iterations", self.max_iterations, 1),
             largest_interval_factor=number("largest_interval_factor", self.largest_interval_factor, above=1.0),
         )
         if self.diagnose_days is not None:
-            settle(
+            set_fields(
                 self,
-                diagnose_days=number("diagnose_days", self.diagnose_days, "days", above=0.0, most=_MOST_DAYS),
+                diagnose_days=number("diagnose_days", self.diagnose_days, "days", above=0.0, maximum=_MAX_DAYS),
             )
         if self.initial_coefficients is not None:
-            coefficients = series("initial_coefficients", self.initial_coefficients, "degC")
-            settle(self, initial_coefficients=coefficients)
+            coefficients = number_tuple("initial_coefficients", self.initial_coefficients, "degC")
+            set_fields(self, initial_coefficients=coefficients)
         if self.learning_diffusivities is not None:
             name = "learning_diffusivities"
-            values = series(name, self.learning_diffusivities, "m2/s", fewest=2, above=0.0)
+            values = number_tuple(name, self.learning_diffusivities, "m2/s", min_count=2, above=0.0)
             if len(set(values)) < 2:
                 raise InputError(f"{name} = {list(values)}; at least 2 must differ")
-            settle(self, learning_diffusivities=values)
+            set_fields(self, learning_diffusivities=values)
 
 
 def check_choices(choices: Choices, record: Record) -> None:
-    """Choices that this record can serve.
+    """Check the options against a record.
 
     Raises:
-        InputError: a window that is too short or longer than the record, a reduced model as large as
-            the large one, or a profile that faces and sensors cannot give.
+        InputError: a window is too short or longer than the record, the reduced-order model is as large as the
+            full-order model, or there are too few faces and sensors for the initial profile.
     """
     for name, days in (("window_days", choices.window_days), ("diagnose_days", choices.diagnose_days)):
         if days is None:
             continue
-        rows, spacing = record.rows_per(days), f"rows of {record.step:g} s"
-        if rows < FEWEST_ROWS:
-            raise InputError(f"{name} = {days:g} makes {rows} {spacing}; it must make at least {FEWEST_ROWS}")
+        rows, spacing = record.rows_in_days(days), f"rows of {record.step:g} s"
+        if rows < MIN_ROWS:
+            raise InputError(f"{name} = {days:g} makes {rows} {spacing}; it must make at least {MIN_ROWS}")
         if rows > record.rows:
             longest = record.rows * record.step / DAY
             raise InputError(

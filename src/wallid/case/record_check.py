@@ -1,4 +1,4 @@
-"""What a case's record holds, and what would stop a run, before anything is computed."""
+"""The check of a case before a run: what makes a run impossible, and what is unusual in the record."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import numpy as np
 from .._internal.errors import InputError
 from ..records.uniform_record import Record
 from .case_definition import Case
-from .time_window import STILL, whole, window_rows
+from .time_window import MIN_FACE_RANGE, entire_record, window_rows
 
-_EARLY = 0.05  # of the record: a sensor whose last reading is so long before its end has died
-_FEW = 0.5  # of a sensor's readings
-_MANY_MASKED = 0.02
-_WEAK = 5.0  # times the sensors' noise
+_EARLY_END = 0.05  # share of the record; a sensor without a reading in so long a last part has failed
+_FEW_READINGS = 0.5  # share of the readings that a sensor would have at its usual step
+_MANY_MASKED = 0.02  # share of the rows
+_MIN_SIGNAL_TO_NOISE = 5.0  # range of the face temperatures over the noise of the sensors
 
 
 @dataclass(frozen=True)
-class Check:
-    """What would stop a run on a case, and what a person may want to know before it.
+class RecordCheck:
+    """Result of the check of a case.
 
     Args:
-        stops: a sentence each, with the way out; none where a run can go ahead.
-        notes: what does not stop it.
+        stops: reasons why a run is impossible, each with a remedy; empty where a run is possible.
+        notes: unusual properties of the record with which a run is still possible.
     """
 
     stops: tuple[str, ...]
@@ -36,80 +36,77 @@ class Check:
         return "\n".join([*lines, *([] if self.stops else ["check        nothing would stop a run"])])
 
 
-def check(case: Case) -> Check:
-    """Look through a case's record without computing anything."""
-    return Check(tuple(_stops(case)), tuple(_notes(case)))
+def check(case: Case) -> RecordCheck:
+    """Check a case without a simulation."""
+    return RecordCheck(tuple(_stops(case)), tuple(_notes(case)))
 
 
 def _stops(case: Case) -> list[str]:
-    record, found = case.record, []
+    record, stops = case.record, []
     try:
         rows = window_rows(case, case.choices.window_days)
     except InputError as error:
-        found.append(f"[choices] {error}")
+        stops.append(f"[choices] {error}")
     else:
         if case.sensors and not _has_readings(record, rows):
-            found.append(
+            stops.append(
                 f"no unbroken window of {case.choices.window_days:g} days holds a reading of an inner sensor: "
-                f"log the sensors and the faces together, or take another [choices] window_days"
+                f"log the sensors and the faces at the same time, or change [choices] window_days"
             )
-    if not case.sensors and not {"flux_left", "flux_right"} & set(record.regressors):
-        found.append("no [[sensor]] and no flux: a temperature inside the wall or a heat flux is needed")
-    if all(np.ptp(face) < STILL for face in record.faces[~record.broken].T):
-        found.append("neither face moves, so nothing can be told about the wall: log it over days with weather")
-    return found
+    if all(np.ptp(face) < MIN_FACE_RANGE for face in record.faces[~record.broken].T):
+        stops.append("both face temperatures are constant, so the record has no information: log days with weather")
+    return stops
 
 
 def _has_readings(record: Record, rows: int) -> bool:
-    """Whether an inner sensor has a reading in any window of so many rows."""
+    """Whether any unbroken window with this number of rows has a reading of an inner sensor."""
     count = np.concatenate([[0], np.cumsum(np.isfinite(record.sensors).any(axis=1))])
     starts = np.arange(record.rows - rows + 1)
-    return bool(np.any(record.holds(starts, rows) & (count[starts + rows] > count[starts])))
+    return bool(np.any(record.contains_windows(starts, rows) & (count[starts + rows] > count[starts])))
 
 
 def _notes(case: Case) -> list[str]:
-    record, found = case.record, []
-    there = np.isfinite(record.sensors)
-    for s, sensor in enumerate(case.sensors):
-        seen = np.flatnonzero(there[:, s])
-        if not len(seen):
-            found.append(f"{sensor.name} has no reading on the record's rows: it adds nothing")
+    record, notes = case.record, []
+    present = np.isfinite(record.sensors)
+    for index, sensor in enumerate(case.sensors):
+        rows = np.flatnonzero(present[:, index])
+        if not len(rows):
+            notes.append(f"{sensor.name} has no reading in any row: it is not used")
             continue
-        if record.rows - seen[-1] > 2 * np.median(np.diff(seen, prepend=0)) + _EARLY * record.rows:
-            found.append(f"{sensor.name} has its last reading at {_word(record, int(seen[-1]))}")
-        spacing = np.median(np.diff(seen)) if len(seen) > 1 else 1.0
-        if len(seen) * spacing < _FEW * record.rows:
-            found.append(f"{sensor.name} has readings in {len(seen)} of {record.rows} rows")
-    done = record.cleaning
-    for column, times in done.masked.items():
+        if record.rows - rows[-1] > 2 * np.median(np.diff(rows, prepend=0)) + _EARLY_END * record.rows:
+            notes.append(f"{sensor.name} has its last reading at {_time_text(record, int(rows[-1]))}")
+        spacing = np.median(np.diff(rows)) if len(rows) > 1 else 1.0
+        if len(rows) * spacing < _FEW_READINGS * record.rows:
+            notes.append(f"{sensor.name} has readings in {len(rows)} of {record.rows} rows")
+    for column, times in record.cleaning.masked.items():
         if len(times) > _MANY_MASKED * record.rows:
-            found.append(f"{column}: {len(times)} values were masked; look at them in the figure of the record")
+            notes.append(f"{column}: {len(times)} values were masked; see the figure of the record")
     if case.sensors:
-        moves = max(float(np.ptp(face)) for face in record.faces[~record.broken].T)
+        face_range = max(float(np.ptp(face)) for face in record.faces[~record.broken].T)
         noise = min(sensor.noise_std for sensor in case.sensors)
-        if moves < _WEAK * noise:
-            found.append(
-                f"the faces move by {moves:.3g} K in all, and the sensors' noise is {noise:g} K: a run may find no "
-                "number to rely on"
+        if face_range < _MIN_SIGNAL_TO_NOISE * noise:
+            notes.append(
+                f"the face temperatures vary by {face_range:.3g} K only, and the noise of the sensors is {noise:g} K: "
+                "the estimate may be unreliable"
             )
     else:
-        found.append("no sensor inside the wall: what is found must come from the heat flux")
-    if len(record.unbroken) > 1:
-        part = whole(case)
-        found.append(
-            f"the record is broken {len(done.breaks)} time(s): windows lie between the breaks, and the whole record "
-            f"means the longest part, {part.rows} rows from {_word(record, part.row)}"
+        notes.append("no sensor inside the wall: the estimate uses the heat flux only")
+    if len(record.unbroken_parts) > 1:
+        longest = entire_record(case)
+        notes.append(
+            f"the record has {len(record.cleaning.breaks)} break(s): no window contains a break, and the longest "
+            f"unbroken part ({longest.rows} rows from {_time_text(record, longest.row)}) is used as the entire record"
         )
-    return found
+    return notes
 
 
-def _word(record: Record, row: int) -> str:
+def _time_text(record: Record, row: int) -> str:
     stamp = record.stamp(row)
     return stamp if isinstance(stamp, str) else f"{stamp:.15g} s"
 
 
-def describe(record: Record) -> dict[str, Any]:
-    """A record for result.json: its rows, what is missing, and what was done to it."""
+def describe_record(record: Record) -> dict[str, Any]:
+    """The record in result.json: its rows, missing values and cleaning steps."""
     missing = np.isnan(record.sensors).sum(axis=0)
     return {
         "rows": record.rows,
@@ -117,8 +114,9 @@ def describe(record: Record) -> dict[str, Any]:
         "start": record.stamp(0),
         "end": record.stamp(record.rows),
         "parts": [
-            {"start": record.stamp(row), "end": record.stamp(row + rows), "rows": rows} for row, rows in record.unbroken
+            {"start": record.stamp(row), "end": record.stamp(row + rows), "rows": rows}
+            for row, rows in record.unbroken_parts
         ],
         "missing": {name: int(count) for name, count in zip(record.names, missing, strict=True)},
-        **record.cleaning.as_dict(),
+        **record.cleaning.to_dict(),
     }

@@ -1,4 +1,4 @@
-"""Windows of a record: consecutive rows without a break."""
+"""Windows of a record: consecutive rows without a long gap."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Protocol, runtime_checkable
 
 from .._internal.errors import InputError
 from .._internal.units import DAY
-from ..records.table_columns import FEWEST_ROWS
+from ..records.table_columns import MIN_ROWS
 from .case_definition import Case
 
-STILL = 1e-6  # K: a face that moves less did not move
+MIN_FACE_RANGE = 1e-6  # K; a face temperature with a smaller range is constant
 
 
 @dataclass(frozen=True)
@@ -18,54 +18,54 @@ class Window:
     """Consecutive rows of a record.
 
     Args:
-        row: the first.
-        rows: how many.
+        row: index of the first row.
+        rows: number of rows.
     """
 
     row: int
     rows: int
 
     @property
-    def part(self) -> slice:
-        """These rows of the record's arrays."""
+    def as_slice(self) -> slice:
+        """The slice of the record's arrays."""
         return slice(self.row, self.row + self.rows)
 
 
 @runtime_checkable
-class HasBest(Protocol):
-    """A design: what chose a window."""
+class HasBestWindow(Protocol):
+    """An object with a best window, such as a `Design`."""
 
     @property
     def best(self) -> Window:
-        """The chosen window."""
+        """The best window."""
         ...
 
 
-def as_window(window: Window | HasBest) -> Window:
-    """The window itself, or a design's best one."""
+def as_window(window: Window | HasBestWindow) -> Window:
+    """The window itself, or the best window of a design."""
     return window if isinstance(window, Window) else window.best
 
 
-def whole(case: Case) -> Window:
-    """The whole record, or the longest of its parts where it is broken."""
+def entire_record(case: Case) -> Window:
+    """The entire record as one window; for a record with long gaps its longest unbroken part."""
     return Window(*case.record.longest_part)
 
 
-def diagnosed(case: Case) -> Window:
-    """The rows that a diagnosis uses: `diagnose_days` from the beginning of the whole record (see `whole`)."""
-    part, days = whole(case), case.choices.diagnose_days
-    return part if days is None else Window(part.row, min(case.record.rows_per(days), part.rows))
+def diagnosis_window(case: Case) -> Window:
+    """The window of the diagnosis: the first `diagnose_days` of `entire_record`, or all of it."""
+    longest, days = entire_record(case), case.choices.diagnose_days
+    return longest if days is None else Window(longest.row, min(case.record.rows_in_days(days), longest.rows))
 
 
 def check_unbroken(case: Case, window: Window) -> None:
-    """Refuse a window across a break of the record.
+    """Check that a window contains no break of the record.
 
     Raises:
-        InputError: one of its rows is broken.
+        InputError: a face temperature is missing over a long gap in the window.
     """
     record = case.record
-    inside = window.row >= 0 and window.row + window.rows <= record.rows  # or else Record.window will say so
-    if inside and not record.holds(window.row, window.rows):
+    inside = window.row >= 0 and window.row + window.rows <= record.rows  # else `Record.window` raises the error
+    if inside and not record.contains_windows(window.row, window.rows):
         first = next(b for b in record.cleaning.breaks if b.row + b.rows > window.row)
         raise InputError(
             f"{record.file}: a window of {window.rows} rows from {record.stamp(window.row)} lies across a break of the "
@@ -74,23 +74,24 @@ def check_unbroken(case: Case, window: Window) -> None:
 
 
 def window_rows(case: Case, days: float) -> int:
-    """How many rows a window of so many days has; all of a record that holds one row more.
+    """The number of rows of a window; all rows of a record that has one row more.
+
+    Args:
+        days: length of the window.
 
     Raises:
-        InputError: more than the record holds without a break, or too few to tell anything.
+        InputError: the window has too few rows, or more than the longest unbroken part of the record.
     """
-    rows, most = case.record.rows_per(days), whole(case).rows
-    if not FEWEST_ROWS <= rows <= most:
-        own = (
-            "the record's own"
-            if most == case.record.rows
-            else (
-                f"those of its longest unbroken part ({most * case.record.step / DAY:.4g} days; a longer [record] "
-                "longest_gap breaks it less)"
+    rows, available = case.record.rows_in_days(days), entire_record(case).rows
+    if not MIN_ROWS <= rows <= available:
+        limit = "the length of the record"
+        if available < case.record.rows:
+            limit = (
+                f"the length of its longest unbroken part ({available * case.record.step / DAY:.4g} days; a longer "
+                "[record] longest_gap makes fewer breaks)"
             )
-        )
         raise InputError(
-            f"window_days = {days:g} makes {rows} rows of {case.record.step:g} s; it must make {FEWEST_ROWS} to "
-            f"{most}, {own}"
+            f"window_days = {days:g} makes {rows} rows of {case.record.step:g} s; it must make {MIN_ROWS} to "
+            f"{available}, {limit}"
         )
     return case.record.rows if case.record.rows - rows == 1 else rows

@@ -1,4 +1,4 @@
-"""The text of a new case, with what may be changed in its comments."""
+"""The text of a new case file, with comments that explain each key."""
 
 from __future__ import annotations
 
@@ -7,25 +7,26 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..records.file_format import Format
+from ..records.file_format import FileFormat
 
-PRIOR = 5e-7  # m2/s: between brick and stone
-NOISE = 0.1  # K
-_WIDTH = 30  # of a key and its value, before the comment
+DEFAULT_PRIOR = 5e-7  # m2/s, between brick and stone
+DEFAULT_NOISE_STD = 0.1  # K
+_WIDTH = 30  # characters of a key and its value, before the comment
 
 
 @dataclass(frozen=True)
 class Answers:
-    """What a person says of a record; None is asked for.
+    """The user's description of a record; the dialogue asks for what is None.
 
     Args:
-        time, left, right: columns.
-        length: m.
-        sensors: position of each, m from the left face, by column.
-        fluxes: column by "flux_left" and "flux_right".
-        outside: "left" or "right".
-        prior: m2/s. noise: K.
-        form: how the file is written, as far as it does not show.
+        time, left, right: columns of the times and of the face temperatures.
+        length: of the wall, m.
+        sensors: position of each sensor, m from the left face, by column.
+        fluxes: column of the heat flux, by "flux_left" and "flux_right".
+        outside: the face outdoors, "left" or "right".
+        prior: prior diffusivity, m2/s.
+        noise: standard deviation of the sensors' noise, K.
+        file_format: what the file itself does not show, such as the order of day and month.
     """
 
     time: str | None = None
@@ -35,95 +36,98 @@ class Answers:
     sensors: Mapping[str, float] | None = None
     fluxes: Mapping[str, str] = field(default_factory=dict)
     outside: str | None = None
-    prior: float = PRIOR
-    noise: float = NOISE
-    form: Format = field(default_factory=Format)
+    prior: float = DEFAULT_PRIOR
+    noise: float = DEFAULT_NOISE_STD
+    file_format: FileFormat = field(default_factory=FileFormat)
 
 
-def write_toml(where: str, answers: Answers, units: Mapping[str, str], days: float) -> str:
-    """The text of a case.
+def write_toml(record_path: str, answers: Answers, units: Mapping[str, str], days: float) -> str:
+    """The text of a case file.
 
     Args:
-        where: the record, from the case's folder.
-        units: of sensors that are not in the format's.
-        days: of the window.
+        record_path: of the record, relative to the folder of the case.
+        answers: the user's description of the record.
+        units: of sensors whose unit differs from that of the faces.
+        days: length of the window.
     """
     lines = [
-        f"# A case for `wallid check` and `wallid run`, begun by `wallid new` from {json.dumps(Path(where).name)}.",
+        f"# Case for `wallid check` and `wallid run`, by `wallid new` for {json.dumps(Path(record_path).name)}.",
         "# Temperatures in degC, differences in K, everything else in SI. x = 0 is the left face.",
         "",
         "[wall]",
-        _line("length", answers.length, "m, between the two faces"),
-        _line("diffusivity_prior", answers.prior, "m2/s, a start: brick 5e-7, stone 1e-6, concrete 7e-7"),
-        _line("outside", answers.outside or "left", "which face is outdoors"),
-        _line("# conductivity", 1.0, "W/m/K; heat fluxes and loads need it"),
+        _key_line("length", answers.length, "m, between the two faces"),
+        _key_line("diffusivity_prior", answers.prior, "m2/s, initial value: brick 5e-7, stone 1e-6, concrete 7e-7"),
+        _key_line("outside", answers.outside or "left", "the face outdoors"),
+        _key_line("# conductivity", 1.0, "W/m/K; heat fluxes and loads need it"),
         "",
         "[record]",
-        _line("file", where, "from this file's folder"),
-        _line("time", answers.time, "column of times"),
-        _line("left", answers.left, "column of the face at x = 0"),
-        _line("right", answers.right, "column of the face at x = length"),
-        *(_line(key, name, "W/m2, positive along +x") for key, name in answers.fluxes.items()),
-        _line("# irradiance", "...", "column, W/m2 on the outer face; for diagnose, as are"),
+        _key_line("file", record_path, "relative to the folder of this file"),
+        _key_line("time", answers.time, "column of times"),
+        _key_line("left", answers.left, "column of the face at x = 0"),
+        _key_line("right", answers.right, "column of the face at x = length"),
+        *(_key_line(key, name, "W/m2, positive along +x") for key, name in answers.fluxes.items()),
+        _key_line("# irradiance", "...", "column, W/m2 on the outer face; for diagnose, like"),
         f"{'#':<{_WIDTH}} # air_outdoor, air_indoor (degC), wind (m/s), rain (mm/h), heating",
-        *_format_lines(answers.form),
-        _line("# boundary_noise_std", 0.1, "K, of the faces' readings; default: the sensors' smallest"),
-        _line("# face_position_std", 0.002, "m, how well the faces' sensors are in their places; default 0"),
-        _line("# longest_gap", 3.0, "hours; a face is interpolated across less, the record split at more"),
+        *_format_lines(answers.file_format),
+        _key_line("# boundary_noise_std", 0.1, "K, noise of the face readings; default: smallest of the sensors"),
+        _key_line("# face_position_std", 0.002, "m, standard deviation of the face sensors' position; default 0"),
+        _key_line("# longest_gap", 3.0, "hours; shorter gaps of a face are interpolated, longer ones split the record"),
     ]
     for name, position in (answers.sensors or {}).items():
         lines += [
             "",
             "[[sensor]]",
-            _line("name", name, "its column"),
-            _line("position", position, "m from the left face"),
-            _line("noise_std", answers.noise, "K, scatter of a reading: see the sensor's data sheet"),
-            _line("position_std", 0.005, "m, how well its place is known"),
-            _line("offset_std", 0.1, "K, constant error between sensors; 0 where they were compared"),
+            _key_line("name", name, "its column"),
+            _key_line("position", position, "m from the left face"),
+            _key_line("noise_std", answers.noise, "K, standard deviation of a reading: see the data sheet"),
+            _key_line("position_std", 0.005, "m, standard deviation of the position"),
+            _key_line("offset_std", 0.1, "K, standard deviation of a constant offset; 0 after calibration"),
         ]
         if name in units:
-            lines.append(_line("unit", units[name], "of this column"))
+            lines.append(_key_line("unit", units[name], "of this column"))
     lines += [
         "",
         "[choices]",
-        _line("window_days", days, "length of the window that the design looks for"),
-        _line("# model", "mim", 'the reduced model; "lom": the large one'),
-        _line("# order", 10, "of the reduced model"),
+        _key_line("window_days", days, "length of the windows that the design compares"),
+        _key_line("# model", "mim", 'the reduced-order model; "lom": the full-order model'),
+        _key_line("# order", 10, "of the reduced-order model"),
         "",
     ]
     return "\n".join(lines)
 
 
-def _format_lines(form: Format) -> list[str]:
-    """The keys of a format that do not show in the file."""
-    words = {
+def _format_lines(file_format: FileFormat) -> list[str]:
+    """The lines for the file format that differ from the default."""
+    comments = {
         "separator": "between the columns",
-        "decimal": "mark of decimals",
+        "decimal": "decimal mark",
         "encoding": "of the file",
         "day_first": "dates begin with the day; false: with the month",
-        "timezone": "whose wall clock the times are, daylight saving included",
+        "timezone": "of the times, daylight saving included",
         "unit": "of every temperature column",
-        "step": "s, of the grid that the readings are put on",
+        "step": "s, of the uniform grid",
         "longest_gap": "hours",
     }
-    stated = [(key, getattr(form, key), comment) for key, comment in words.items()]
-    lines = [_line(key, value, comment) for key, value, comment in stated if value is not None]
-    if form.missing:
-        lines.append(_line("missing", list(form.missing), "stand for a missing value, beside the common ones"))
-    if not form.clean:
-        lines.append(_line("clean", False, "spikes and stuck readings stay"))
-    if form.timezone is None:
-        lines.append(_line("# timezone", "Europe/Berlin", "where the clock follows daylight saving"))
+    stated = [(key, getattr(file_format, key), comment) for key, comment in comments.items()]
+    lines = [_key_line(key, value, comment) for key, value, comment in stated if value is not None]
+    if file_format.missing:
+        lines.append(
+            _key_line("missing", list(file_format.missing), "mark a missing value, in addition to the common ones")
+        )
+    if not file_format.clean:
+        lines.append(_key_line("clean", False, "spikes and stuck readings are kept"))
+    if file_format.timezone is None:
+        lines.append(_key_line("# timezone", "Europe/Berlin", "if the clock follows daylight saving"))
     return lines
 
 
-def _line(key: str, value: object, comment: str) -> str:
+def _key_line(key: str, value: object, comment: str) -> str:
     """A key, its value and its comment."""
     return f"{f'{key} = {_toml(value)}':<{_WIDTH}} # {comment}"
 
 
 def _toml(value: object) -> str:
-    """A value as TOML writes it."""
+    """A value in TOML notation."""
     if isinstance(value, list):
         return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, float):

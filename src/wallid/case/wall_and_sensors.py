@@ -1,23 +1,21 @@
-"""What a wall is: its layers, the sensors in it, and the way to and from the dimensionless form.
-
-SI units, temperatures in degC, plain floats; `x` counts from the left face.
-"""
+"""The wall, its layers and its sensors, in SI units; x is the distance from the left face, m."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from itertools import accumulate
 from typing import Literal, no_type_check
 
 from .._internal.errors import InputError
-from .._internal.validation import number, one_of, settle, text
+from .._internal.validation import error_context, number, one_of, set_fields, text
 
 Side = Literal["left", "right"]
 SIDES: tuple[Side, Side] = ("left", "right")
-"""Of the two faces, x = 0 first."""
+"""The two faces: "left" is x = 0, "right" is x = length."""
 
-_DIFFUSIVITY = (1e-9, 1e-3)  # m2/s; aerogel to metals lie far inside
+_DIFFUSIVITY = (1e-9, 1e-3)  # m2/s; all materials from aerogel to metals are inside this range
 _UNITS_OF_DIFFUSIVITY = "a value in mm2/s is to be multiplied by 1e-6, one in m2/h divided by 3600"
 _UNITS_OF_CAPACITY = "heat_capacity is per volume, J/m3/K: density x specific heat"
 _THICKNESS_TOLERANCE = 1e-6  # of the wall's length
@@ -34,7 +32,7 @@ class Layer:
         heat_capacity: per volume, J/m3/K.
 
     Raises:
-        InputError: a value that is not a number above 0.
+        InputError: a value is not a number above 0.
     """
 
     thickness: float
@@ -43,7 +41,7 @@ class Layer:
 
     def __post_init__(self) -> None:
         for name, unit in (("thickness", "m"), ("conductivity", "W/m/K"), ("heat_capacity", "J/m3/K")):
-            settle(self, **{name: number(name, getattr(self, name), unit, above=0.0)})
+            set_fields(self, **{name: number(name, getattr(self, name), unit, above=0.0)})
 
 
 @no_type_check
@@ -51,20 +49,20 @@ class Layer:
 class Wall:
     """A wall between its two faces.
 
-    Its effective diffusivity is `length^2 / (R C) = k_eff / c_eff`, with `k_eff = L / sum(d/k)` and
-    `c_eff = sum(c d) / L` over the layers.
+    Its effective diffusivity is `L^2 / (R C) = k_eff / c_eff`, with the length `L`, the resistance `R = sum(d / k)`,
+    the areal heat capacity `C = sum(c d)`, `k_eff = L / R` and `c_eff = C / L`.
 
     Args:
         length: m, between the two faces.
-        diffusivity_prior: m2/s, the effective diffusivity to start from; left out (NaN), it follows
-            from conductivity and heat capacity, or else from the layers.
+        diffusivity_prior: prior of the effective diffusivity, m2/s. Without it (NaN) the prior is conductivity /
+            heat_capacity, or else the effective diffusivity of the layers.
         conductivity: W/m/K.
         heat_capacity: per volume, J/m3/K.
         outside: the face outdoors, "left" (x = 0) or "right".
-        layers: from left to right; none means homogeneous.
+        layers: from left to right; empty for a homogeneous wall.
 
     Raises:
-        InputError: a value beyond what is possible, or layers that do not add up to the length.
+        InputError: a value is not plausible, or the thicknesses of the layers do not sum to the length.
     """
 
     length: float
@@ -75,17 +73,17 @@ class Wall:
     layers: tuple[Layer, ...] = ()
 
     def __post_init__(self) -> None:
-        settle(self, length=number("length", self.length, "m", above=0.0), layers=tuple(self.layers))
+        set_fields(self, length=number("length", self.length, "m", above=0.0), layers=tuple(self.layers))
         for name, unit in (("conductivity", "W/m/K"), ("heat_capacity", "J/m3/K")):
             if getattr(self, name) is not None:
-                settle(self, **{name: number(name, getattr(self, name), unit, above=0.0)})
+                set_fields(self, **{name: number(name, getattr(self, name), unit, above=0.0)})
         one_of("outside", self.outside, SIDES)
         total = sum(layer.thickness for layer in self.layers)
         if self.layers and abs(total - self.length) > _THICKNESS_TOLERANCE * self.length:
             raise InputError(
                 f"the layers' thicknesses sum to {total:.9g} m; they must sum to length = {self.length!r} m"
             )
-        settle(self, diffusivity_prior=self._prior())
+        set_fields(self, diffusivity_prior=self._prior())
 
     @property
     def inside(self) -> Side:
@@ -93,19 +91,19 @@ class Wall:
         return "right" if self.outside == "left" else "left"
 
     @property
-    def joints(self) -> tuple[float, ...]:
-        """Where one layer meets the next, m from the left face."""
+    def interfaces(self) -> tuple[float, ...]:
+        """The positions of the interfaces between layers, m from the left face."""
         return tuple(accumulate(layer.thickness for layer in self.layers[:-1]))
 
     @property
     def effective_conductivity(self) -> float | None:
-        """W/m/K: as stated, or else of the layers in series, or None."""
+        """The stated conductivity, or else that of the layers in series, W/m/K; None where neither is stated."""
         if self.conductivity is None and self.layers:
             return self._effective()[0]
         return self.conductivity
 
     def relative_layers(self) -> tuple[tuple[float, float, float], ...]:
-        """Each layer's thickness (m), and conductivity and heat capacity over the wall's effective ones."""
+        """Thickness (m), conductivity and heat capacity of each layer, the last two relative to the effective ones."""
         if not self.layers:
             return ((self.length, 1.0, 1.0),)
         k, c = self._effective()
@@ -118,7 +116,7 @@ class Wall:
         return self.length / resistance, capacity / self.length
 
     def _prior(self) -> float:
-        """The prior as given, or from what else was given, once it is plausible."""
+        """The prior diffusivity, m2/s: as stated, or derived from the other properties."""
         value, basis, hint = self.diffusivity_prior, "", _UNITS_OF_DIFFUSIVITY
         if isinstance(value, float) and math.isnan(value):
             hint = _UNITS_OF_CAPACITY
@@ -130,7 +128,7 @@ class Wall:
             else:
                 raise InputError("diffusivity_prior is missing; give it, or conductivity and heat_capacity, or layers")
         low, high = _DIFFUSIVITY
-        return number(f"diffusivity_prior{basis}", value, "m2/s", least=low, most=high, hint=hint)
+        return number(f"diffusivity_prior{basis}", value, "m2/s", minimum=low, maximum=high, hint=hint)
 
 
 @no_type_check
@@ -139,15 +137,15 @@ class Sensor:
     """A temperature sensor in a wall.
 
     Args:
-        name: the record's column.
+        name: the column of the record.
         position: m from the left face.
-        noise_std: K, of each reading.
-        position_std: m.
-        offset_std: K, prior of a constant offset; 0 means that none is estimated.
-        unit: of the record's column, "degC", "degF" or "K"; None for the record's own.
+        noise_std: standard deviation of each reading, K.
+        position_std: standard deviation of the position, m.
+        offset_std: prior standard deviation of a constant offset, K; with 0 no offset is estimated.
+        unit: of the column, "degC", "degF" or "K"; None for the unit of the record.
 
     Raises:
-        InputError: a value that is not a number within its limits.
+        InputError: a value is not a number within its limits.
     """
 
     name: str
@@ -162,10 +160,37 @@ class Sensor:
         text("name", self.name)
         if self.unit is not None:
             one_of("unit", self.unit, ("degC", "degF", "K"))
-        settle(
+        set_fields(
             self,
             position=number("position", self.position, "m"),
             noise_std=number("noise_std", self.noise_std, "K", above=0.0),
-            position_std=number("position_std", self.position_std, "m", least=0.0),
-            offset_std=number("offset_std", self.offset_std, "K", least=0.0),
+            position_std=number("position_std", self.position_std, "m", minimum=0.0),
+            offset_std=number("offset_std", self.offset_std, "K", minimum=0.0),
         )
+
+
+def sensor_label(count: int, name: object) -> str:
+    """The table of a sensor as messages name it, such as `[[sensor]] 2 "T2"`."""
+    return f'[[sensor]] {count} "{name}"' if isinstance(name, str) else f"[[sensor]] {count}"
+
+
+def check_sensors(wall: Wall, sensors: Sequence[Sensor]) -> None:
+    """Check that all sensors are inside the wall, and that their names and positions differ.
+
+    Raises:
+        InputError: one of these is not so.
+    """
+    for count, sensor in enumerate(sensors, start=1):
+        with error_context(sensor_label(count, sensor.name)):
+            if not 0.0 < sensor.position < wall.length:
+                raise InputError(
+                    f"position = {sensor.position!r} m is not inside the wall; it must lie between 0 and "
+                    f"length = {wall.length!r} m"
+                )
+            for other, earlier in enumerate(sensors[: count - 1], start=1):
+                if sensor.name == earlier.name:
+                    raise InputError(f"name is that of [[sensor]] {other}; names must differ")
+                if sensor.position == earlier.position:
+                    raise InputError(
+                        f"position = {sensor.position!r} m is that of [[sensor]] {other}; positions must differ"
+                    )

@@ -1,4 +1,4 @@
-"""Starting a case: from a logger's file, and what its columns are, to a commented `case.toml` that runs."""
+"""Writing a new `case.toml` for a logger's file."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from pathlib import Path
 
 from .._internal.errors import InputError
 from .._internal.units import DAY
-from .._internal.validation import nearest
-from ..records.column_detection import Look, look
-from ..records.file_format import Format
-from ..records.table_columns import FEWEST_ROWS
+from .._internal.validation import spelling_hint
+from ..records.column_detection import DetectedColumns, detect_columns
+from ..records.file_format import FileFormat
+from ..records.table_columns import MIN_ROWS
 from ..records.uniform_record import Record, read_record
 from .case_definition import Case
 from .case_file import load
 from .toml_writer import Answers, write_toml
-from .wizard_dialogue import Ask, complete, metres, outdoors
+from .wizard_dialogue import Ask, ask_missing, guess_outdoor_face, parse_length
 
-__all__ = ["Answers", "Ask", "metres", "new_case", "place"]
+__all__ = ["Answers", "Ask", "new_case", "parse_length", "parse_sensor"]
 
 
-def place(text: str) -> tuple[str, float]:
-    """A sensor's column and place, from "T1=0.05".
+def parse_sensor(text: str) -> tuple[str, float]:
+    """The column and the position of a sensor (m) from a text such as "T1=0.05".
 
     Raises:
-        InputError: anything else.
+        InputError: another form of text.
     """
-    name, mark, where = text.rpartition("=")
-    if not mark or not name.strip():
+    name, equals, position = text.rpartition("=")
+    if not equals or not name.strip():
         raise InputError(f'--sensor {text!r}; it must be NAME=POSITION, such as "T1=0.05" or "T1=5 cm"')
-    return name.strip(), metres(f"--sensor {name.strip()}", where)
+    return name.strip(), parse_length(f"--sensor {name.strip()}", position)
 
 
 def new_case(
@@ -41,20 +41,20 @@ def new_case(
     force: bool = False,
     ask: Ask | None = None,
 ) -> Case:
-    """Write a `case.toml` for a record, once it is known to load.
+    """Write a `case.toml` for a record; the file is written only if the case loads.
 
     Args:
         record: the CSV file.
-        answers: what is known already.
-        to: the file to write; None for `case.toml` beside the record.
-        force: write over a file that is there.
-        ask: how to ask for what is missing; None refuses instead, and names what must be given.
+        answers: what the user has already stated.
+        to: the file to write; None for `case.toml` in the folder of the record.
+        force: overwrite an existing file.
+        ask: asks the user for missing values; with None a missing value is an error.
 
     Returns:
-        the case, loaded from the new file.
+        The case, loaded from the new file.
 
     Raises:
-        InputError: something is missing or does not fit; nothing is written then.
+        InputError: a value is missing or invalid; no file is written.
     """
     record = Path(record)
     target = record.parent / "case.toml" if to is None else Path(to)
@@ -63,17 +63,17 @@ def new_case(
     if not target.parent.is_dir():
         raise InputError(f"{target}: there is no folder {target.parent}; make it first")
     answers = answers or Answers()
-    seen = look(record, answers.form, answers.time)
-    answers = _complete(record, answers, seen, ask)
-    answers = replace(answers, form=_with_unit(answers, seen))
-    units = _sensor_units(answers, seen)
+    detected = detect_columns(record, answers.file_format, answers.time)
+    answers = _complete(record, answers, detected, ask)
+    answers = replace(answers, file_format=_with_unit(answers, detected))
+    units = _sensor_units(answers, detected)
     days = _window_days(_read(record, answers, units))
-    where = Path(os.path.relpath(record.resolve(), target.resolve().parent)).as_posix()
-    return _settle(target, write_toml(where, answers, units, days))
+    record_path = Path(os.path.relpath(record.resolve(), target.resolve().parent)).as_posix()
+    return _write_checked(target, write_toml(record_path, answers, units, days))
 
 
-def _settle(target: Path, text: str) -> Case:
-    """Write a file that loads, or nothing."""
+def _write_checked(target: Path, text: str) -> Case:
+    """Write the text to a temporary file, load it, and move it to the target if it loads."""
     draft = target.with_name(f".wallid-{os.getpid()}-{target.name}")
     try:
         try:
@@ -99,64 +99,66 @@ def _read(path: Path, answers: Answers, units: dict[str, str]) -> Record:
         right=answers.right,
         sensors=list(answers.sensors or ()),
         regressors=dict(answers.fluxes),
-        form=answers.form,
+        file_format=answers.file_format,
         units=units,
     )
 
 
-def _with_unit(answers: Answers, seen: Look) -> Format:
-    """The format with the faces' unit, where they say one and the answers do not."""
-    units = {seen[name].unit or "degC" for name in (answers.left, answers.right) if name is not None}
-    if answers.form.unit is not None or units == {"degC"}:
-        return answers.form
+def _with_unit(answers: Answers, detected: DetectedColumns) -> FileFormat:
+    """The file format with the unit of the face columns, unless the user has stated a unit."""
+    units = {detected[name].unit or "degC" for name in (answers.left, answers.right) if name is not None}
+    if answers.file_format.unit is not None or units == {"degC"}:
+        return answers.file_format
     if len(units) > 1:
         raise InputError(
             f'the faces "{answers.left}" and "{answers.right}" seem to be in {" and ".join(sorted(units))}; convert '
             "one, or state the unit of both with --unit"
         )
-    return replace(answers.form, unit=units.pop())
+    return replace(answers.file_format, unit=units.pop())
 
 
-def _sensor_units(answers: Answers, seen: Look) -> dict[str, str]:
-    """The units of sensors that are not in the faces'."""
-    usual = answers.form.unit or "degC"
-    found = {name: seen[name].unit or usual for name in answers.sensors or ()}
-    return {name: unit for name, unit in found.items() if unit != usual}
+def _sensor_units(answers: Answers, detected: DetectedColumns) -> dict[str, str]:
+    """The units of sensors whose unit differs from that of the faces."""
+    default = answers.file_format.unit or "degC"
+    units = {name: detected[name].unit or default for name in answers.sensors or ()}
+    return {name: unit for name, unit in units.items() if unit != default}
 
 
 def _window_days(record: Record) -> float:
-    """Three days, or half of what the record holds without a break."""
+    """The length of a window: three days, or half of the longest unbroken part of a short record."""
     rows = record.longest_part[1]
     if rows * record.step >= 6 * DAY:
         return 3.0
-    wanted = min(max(rows // 2, 2 * FEWEST_ROWS), rows)
+    wanted = min(max(rows // 2, 2 * MIN_ROWS), rows)
     return float(f"{wanted * record.step / DAY:.4g}")
 
 
-def _complete(record: Path, answers: Answers, seen: Look, ask: Ask | None) -> Answers:
-    """The answers with all that a case needs, asked for where it is missing and there is somebody to ask."""
+def _complete(record: Path, answers: Answers, detected: DetectedColumns, ask: Ask | None) -> Answers:
+    """The answers with the values that a case needs; the user is asked for missing ones if `ask` is not None."""
     for name in (answers.time, answers.left, answers.right, *(answers.sensors or ()), *answers.fluxes.values()):
-        known = [column.name for column in seen.columns]
+        known = [column.name for column in detected.columns]
         if name is not None and name not in known:
-            raise InputError(f'{record}: no column "{name}"; the columns are {", ".join(known)}{nearest(name, known)}')
+            raise InputError(
+                f'{record}: no column "{name}"; the columns are {", ".join(known)}{spelling_hint(name, known)}'
+            )
     if answers.time is None:
-        answers = replace(answers, time=seen.of("time")[0].name)
-    if answers.form.day_first is None:
-        answers = replace(answers, form=replace(answers.form, day_first=seen.day_first))
+        answers = replace(answers, time=detected.of_kind("time")[0].name)
+    if answers.file_format.day_first is None:
+        answers = replace(answers, file_format=replace(answers.file_format, day_first=detected.day_first))
     if ask is not None:
-        return complete(answers, seen, ask)
-    _refuse_missing(record, answers, seen)
+        return ask_missing(answers, detected, ask)
+    _raise_missing(record, answers, detected)
     assert answers.left and answers.right
-    return replace(answers, outside=answers.outside or outdoors(answers.left, answers.right))
+    return replace(answers, outside=answers.outside or guess_outdoor_face(answers.left, answers.right))
 
 
-def _refuse_missing(record: Path, answers: Answers, seen: Look) -> None:
-    """Without a terminal there is nobody to ask: say which options are missing."""
+def _raise_missing(record: Path, answers: Answers, detected: DetectedColumns) -> None:
+    """Raise an error that names the missing options, as nobody can be asked without a terminal."""
     missing = [f"--{name}" for name in ("length", "left", "right") if getattr(answers, name) is None]
     if not answers.sensors and not answers.fluxes:
         missing.append("--sensor NAME=POSITION (m from the left face), or --flux-left or --flux-right")
     if missing:
-        there = ", ".join(map(str, seen.columns))
-        raise InputError(f"{record}: nobody to ask here; give {', '.join(missing)}. The columns are {there}")
-    if answers.form.day_first is None and seen.ambiguous:
-        raise InputError(f"{record}: dates may begin with the day or the month; give --day-first or --month-first")
+        columns = ", ".join(map(str, detected.columns))
+        raise InputError(f"{record}: no terminal for questions; give {', '.join(missing)}. The columns are {columns}")
+    if answers.file_format.day_first is None and detected.ambiguous:
+        raise InputError(f"{record}: dates begin with the day or the month; give --day-first or --month-first")

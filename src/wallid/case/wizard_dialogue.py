@@ -1,4 +1,4 @@
-"""What a person is asked of a logger's file: which column is what, where the sensors sit, which face is outdoors."""
+"""The questions of `wallid new`: the columns of a logger's file, the sensor positions and the face outdoors."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import replace
 from typing import Protocol, TypeVar, runtime_checkable
 
 from .._internal.errors import InputError
-from .._internal.validation import nearest, number, one_of
-from ..records.column_detection import Column, Look
+from .._internal.validation import number, one_of, spelling_hint
+from ..records.column_detection import DetectedColumn, DetectedColumns
 from .toml_writer import Answers
 
 _LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-_MOST_BARE = 3.0  # m; above it a number without a unit is rather cm or mm
+_MAX_WITHOUT_UNIT = 3.0  # m; a larger number without a unit was probably meant in cm or mm
 _INDOORS = re.compile(r"inner|indoor|inside|innen|int\b|_in\b|_i\b|si\b", re.IGNORECASE)
 _OUTDOORS = re.compile(r"outer|outdoor|outside|aussen|außen|ext\b|out\b|_e\b|se\b", re.IGNORECASE)
 _LEFT = re.compile(rf"left|links|gauche|{_INDOORS.pattern}", re.IGNORECASE)
@@ -24,72 +24,71 @@ T = TypeVar("T")
 
 @runtime_checkable
 class Ask(Protocol):
-    """Asks a person a question, and again while `read` refuses the answer with an InputError."""
+    """Asks the user a question, and repeats it while `parse` raises an InputError for the answer."""
 
-    def __call__(self, question: str, default: str | None, read: Callable[[str], T]) -> T:
-        """The answer as `read` takes it; of an empty one, the default."""
+    def __call__(self, question: str, default: str | None, parse: Callable[[str], T]) -> T:
+        """The parsed answer; an empty answer stands for the default."""
         ...
 
 
-def metres(name: str, text: str) -> float:
-    """A length such as "0.43", "43 cm" or "430 mm", in m.
+def parse_length(name: str, text: str) -> float:
+    """The length in m from a text such as "0.43", "43 cm" or "430 mm".
 
     Raises:
-        InputError: anything else, or a bare number too large for metres to be meant.
+        InputError: another form of text, or a number above 3 without a unit.
     """
-    found = re.fullmatch(r"\s*([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(m|cm|mm)?\s*", text)
+    match = re.fullmatch(r"\s*([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(m|cm|mm)?\s*", text)
     try:
-        value = float(found[1].replace(",", ".")) if found else float("nan")
+        value = float(match[1].replace(",", ".")) if match else float("nan")
     except ValueError:
         value = float("nan")
-    if found is None or value != value:
+    if match is None or value != value:
         raise InputError(f'{name} = {text!r}; it must be a length, such as 0.43, "43 cm" or "430 mm"')
-    if found[2] is None and value > _MOST_BARE:
-        bare = found[1]
-        raise InputError(f'{name} = {text!r}: in m? give the unit with it: "{bare} mm", "{bare} cm" or "{bare} m"')
-    return number(name, round(value * _LENGTHS[found[2] or "m"], 9), "m", least=0.0)
+    if match[2] is None and value > _MAX_WITHOUT_UNIT:
+        digits = match[1]
+        raise InputError(f'{name} = {text!r}: is this in m? add the unit: "{digits} mm", "{digits} cm" or "{digits} m"')
+    return number(name, round(value * _LENGTHS[match[2] or "m"], 9), "m", minimum=0.0)
 
 
-def outdoors(left: str, right: str) -> str | None:
-    """Which face is outdoors, as far as the names of their columns tell."""
+def guess_outdoor_face(left: str, right: str) -> str | None:
+    """The face outdoors as suggested by the names of the columns; None where they suggest none."""
     if _OUTDOORS.search(right) or _INDOORS.search(left):
         return "right"
     return "left" if _OUTDOORS.search(left) or _INDOORS.search(right) else None
 
 
-def complete(answers: Answers, seen: Look, ask: Ask) -> Answers:
-    """The answers with all that a case needs, asked for where it is missing."""
-    if answers.form.day_first is None and seen.ambiguous:
-        answers = replace(answers, form=replace(answers.form, day_first=_day_first(ask)))
-    columns = seen.of("temperature", "number")
+def ask_missing(answers: Answers, detected: DetectedColumns, ask: Ask) -> Answers:
+    """The answers with the values that a case needs; the user is asked for missing ones."""
+    if answers.file_format.day_first is None and detected.ambiguous:
+        answers = replace(answers, file_format=replace(answers.file_format, day_first=_day_first(ask)))
+    columns = detected.of_kind("temperature", "number")
     if answers.length is None:
         question = "Length of the wall between the two faces (m, or such as 43 cm)"
-        answers = replace(answers, length=ask(question, None, lambda text: _above_zero(metres("length", text))))
+        answers = replace(answers, length=ask(question, None, lambda text: _above_zero(parse_length("length", text))))
     if answers.left is None or answers.right is None:
-        there = "\n  ".join(str(column) for column in columns)
-        listed = f"The columns are\n  {there}\n"
+        names = "\n  ".join(str(column) for column in columns)
+        heading = f"The columns are\n  {names}\n"
         if answers.left is None:
-            question = f"{listed}Column of the left face, x = 0"
+            question = f"{heading}Column of the left face, x = 0"
             answers = replace(answers, left=_column(ask, question, columns, _LEFT, answers.right))
-            listed = ""
+            heading = ""
         if answers.right is None:
-            answers = replace(
-                answers, right=_column(ask, f"{listed}Column of the right face", columns, _RIGHT, answers.left)
-            )
+            question = f"{heading}Column of the right face"
+            answers = replace(answers, right=_column(ask, question, columns, _RIGHT, answers.left))
     if answers.outside is None:
         assert answers.left and answers.right
         answers = replace(
             answers,
             outside=ask(
                 "Which face is outdoors, left or right",
-                outdoors(answers.left, answers.right),
+                guess_outdoor_face(answers.left, answers.right),
                 lambda text: one_of("outside", text.strip().lower(), ("left", "right")),
             ),
         )
     if answers.sensors is None and not answers.fluxes:
-        answers = replace(answers, sensors=_sensors(ask, seen, answers))
+        answers = replace(answers, sensors=_sensors(ask, detected, answers))
         if not answers.sensors:
-            answers = replace(answers, fluxes=_fluxes(ask, seen))
+            answers = replace(answers, fluxes=_fluxes(ask, detected))
     return answers
 
 
@@ -103,61 +102,63 @@ def _above_zero(length: float) -> float:
     return number("length", length, "m", above=0.0)
 
 
-def _column(ask: Ask, question: str, columns: list[Column], pattern: re.Pattern[str], taken: str | None) -> str:
-    """One of the columns; offered is the first whose name looks like it."""
+def _column(ask: Ask, question: str, columns: list[DetectedColumn], pattern: re.Pattern[str], taken: str | None) -> str:
+    """Ask for one of the columns; the default is the first whose name matches the pattern."""
     known = [column.name for column in columns if column.name != taken]
 
-    def read(text: str) -> str:
+    def parse(text: str) -> str:
         name = text.strip()
         if name not in known:
-            raise InputError(f'no column "{name}"; these are left: {", ".join(known)}{nearest(name, known)}')
+            raise InputError(
+                f'no column "{name}"; the columns to choose from are {", ".join(known)}{spelling_hint(name, known)}'
+            )
         return name
 
-    return ask(question, next((name for name in known if pattern.search(name)), None), read)
+    return ask(question, next((name for name in known if pattern.search(name)), None), parse)
 
 
-def _sensors(ask: Ask, seen: Look, answers: Answers) -> dict[str, float]:
-    """The place of each other column of temperatures; an empty answer leaves it out."""
+def _sensors(ask: Ask, detected: DetectedColumns, answers: Answers) -> dict[str, float]:
+    """Ask for the position of each other column of temperatures; an empty answer leaves the column out."""
     assert answers.length is not None
-    found, length = dict[str, float](), answers.length
+    positions, length = dict[str, float](), answers.length
 
-    def read(name: str, text: str) -> float | None:
+    def parse(name: str, text: str) -> float | None:
         if not text.strip():
             return None
-        where = metres(f"position of {name}", text)
-        if not 0.0 < where < length:
-            raise InputError(f"position of {name} = {where:g} m is not inside the wall of {length:g} m")
-        if where in found.values():
-            other = next(other for other, place in found.items() if place == where)
-            raise InputError(f"position of {name} = {where:g} m; {other} is there already, positions must differ")
-        return where
+        position = parse_length(f"position of {name}", text)
+        if not 0.0 < position < length:
+            raise InputError(f"position of {name} = {position:g} m is not inside the wall of {length:g} m")
+        if position in positions.values():
+            other = next(other for other, taken in positions.items() if taken == position)
+            raise InputError(f"position of {name} = {position:g} m is that of {other}; positions must differ")
+        return position
 
-    for column in seen.of("temperature"):
+    for column in detected.of_kind("temperature"):
         name = column.name
         if name not in (answers.left, answers.right):
-            question = f"Place of {name} in the wall, m from the left face (empty: not in the wall)"
-            where = ask(question, "", lambda text, name=name: read(name, text))
-            if where is not None:
-                found[name] = where
-    return found
+            question = f"Position of {name} in the wall, m from the left face (empty: not in the wall)"
+            position = ask(question, "", lambda text, name=name: parse(name, text))
+            if position is not None:
+                positions[name] = position
+    return positions
 
 
-def _fluxes(ask: Ask, seen: Look) -> dict[str, str]:
-    """Columns of heat flux, where there is no sensor inside."""
-    columns = seen.of("flux", "number")
+def _fluxes(ask: Ask, detected: DetectedColumns) -> dict[str, str]:
+    """Ask for the columns of heat flux of a case without a sensor inside the wall."""
+    columns = detected.of_kind("flux", "number")
     known = [column.name for column in columns]
-    there = ", ".join(map(str, columns)) or "none seems to be one"
+    candidates = ", ".join(map(str, columns)) or "no column seems to be a heat flux"
 
-    def read(text: str) -> str:
+    def parse(text: str) -> str:
         name = text.strip()
         if name and name not in known:
-            raise InputError(f'no column "{name}"; heat fluxes may be: {there}{nearest(name, known)}')
+            raise InputError(f'no column "{name}"; heat fluxes may be: {candidates}{spelling_hint(name, known)}')
         return name
 
-    found = {
+    columns_by_key = {
         f"flux_{side}": ask(
-            f"Column of the heat flux at the {side} face, positive along +x (empty: none) [{there}]", "", read
+            f"Column of the heat flux at the {side} face, positive along +x (empty: none) [{candidates}]", "", parse
         )
         for side in ("left", "right")
     }
-    return {key: name for key, name in found.items() if name}
+    return {key: name for key, name in columns_by_key.items() if name}

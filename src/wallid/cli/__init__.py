@@ -1,4 +1,4 @@
-"""The command line: its commands and their options."""
+"""The command line."""
 
 from .commands import app, command
 

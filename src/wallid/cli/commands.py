@@ -11,9 +11,12 @@ import typer
 
 from .. import workflow
 from .._internal.errors import InputError
-from ..records.file_format import Format
-from .execution import carry_out, refuse
-from .options import OUT, CaseArgument, Draws, Formats, Integrator, Json, Model, Orders, Out, Quiet, Weights
+from ..case.toml_writer import DEFAULT_NOISE_STD, DEFAULT_PRIOR, Answers
+from ..case.wizard import new_case, parse_sensor
+from ..case.wizard_dialogue import parse_length
+from ..records.file_format import FileFormat
+from .execution import exit_with_error, run_command
+from .options import DEFAULT_OUT, CaseArgument, Draws, Formats, Integrator, Json, Model, Orders, Out, Quiet, Weights
 
 T = TypeVar("T")
 
@@ -28,12 +31,12 @@ app = typer.Typer(
 
 @app.callback(invoke_without_command=True)
 def main(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
-    """From temperatures logged in and on a wall to its thermal diffusivity, by the whole method:
+    """Estimate the thermal diffusivity of a wall from temperatures logged in and on it.
 
-    an optimal experiment design picks the days that tell most, a reduced model is learned for them,
-    Gauss-Newton gives the diffusivity with its interval, and the whole record is held against it.
-    Where the record says that something is missing from that model, `diagnose` looks for what it is.
-    Status 0: done. 1: done, but the record gives no number to rely on. 2: bad input.
+    An optimal experiment design selects the most informative days. A reduced-order model is learned for them.
+    Gauss-Newton gives the diffusivity with its interval. The prediction is compared with the entire record.
+    `diagnose` searches for physical effects that are missing from the model.
+    Exit status 0: result. 1: result, but unreliable. 2: invalid input.
     """
     if version:
         from importlib.metadata import version as installed
@@ -48,19 +51,19 @@ def demo(
     weights: Weights = "noise",
     integrator: Integrator = "propagator",
     orders: Orders = "",
-    out: Out = OUT,
+    out: Out = DEFAULT_OUT,
     json: Json = False,
     quiet: Quiet = False,
     formats: Formats = "png",
 ) -> None:
-    """The whole method on the packaged case `saint_julien`, a synthetic twin of the paper's old wall.
+    """Run the method on the packaged case `saint_julien`, a synthetic twin of the old wall in the paper.
 
-    It ends with the diagnosis of the whole record: which effect the plain model misses there, and the
-    diffusivity with it in.
+    The last step is the diagnosis of the entire record: the effect that is missing from the plain model, and the
+    diffusivity of the model with this effect.
     """
     stages = (*workflow.STAGES, "diagnose")
     options: dict[str, Any] = {"weights": weights, "integrator": integrator}
-    carry_out("saint_julien", model, stages, out, json, quiet, formats, orders=orders, **options)
+    run_command("saint_julien", model, stages, out, json, quiet, formats, orders=orders, **options)
 
 
 @app.command()
@@ -71,106 +74,108 @@ def run(
     integrator: Integrator = "propagator",
     orders: Orders = "",
     bootstrap: Draws = 0,
-    out: Out = OUT,
+    out: Out = DEFAULT_OUT,
     json: Json = False,
     quiet: Quiet = False,
     formats: Formats = "png",
 ) -> None:
-    """Design, learn, estimate, and hold the whole record against the result.
+    """Design, learn, estimate, and compare the prediction with the entire record.
 
-    Whether an effect is missing from the model is not asked here (the verdict stays null): see
-    `wallid diagnose`.
+    This command does not search for missing effects (the verdict is null): see `wallid diagnose`.
     """
     options = {"weights": weights, "integrator": integrator, "draws": bootstrap}
-    carry_out(case, model, workflow.STAGES, out, json, quiet, formats, orders=orders, **options)
+    run_command(case, model, workflow.STAGES, out, json, quiet, formats, orders=orders, **options)
 
 
 @app.command()
 def new(
     record: Annotated[Path, typer.Argument(metavar="RECORD", help="The logger's file: CSV with a header.")],
-    length: Annotated[str | None, typer.Option("--length", help='Between the faces: 0.43 (m) or "43 cm".')] = None,
+    length: Annotated[str | None, typer.Option("--length", help='Thickness of the wall: 0.43 (m) or "43 cm".')] = None,
     left: Annotated[str | None, typer.Option("--left", help="The column of the face at x = 0.")] = None,
     right: Annotated[str | None, typer.Option("--right", help="The column of the face at x = length.")] = None,
     sensor: Annotated[
         list[str] | None,
-        typer.Option("--sensor", metavar="NAME=POSITION", help='One inside the wall: T1=0.05 or "T1=5 cm"; repeat it.'),
+        typer.Option(
+            "--sensor", metavar="NAME=POSITION", help='Sensor inside the wall: T1=0.05 or "T1=5 cm"; repeatable.'
+        ),
     ] = None,
-    time: Annotated[str | None, typer.Option("--time", help="The column of times (else the first one).")] = None,
-    flux_left: Annotated[str | None, typer.Option("--flux-left", help="A column of W/m2, positive along +x.")] = None,
-    flux_right: Annotated[str | None, typer.Option("--flux-right", help="A column of W/m2, positive along +x.")] = None,
+    time: Annotated[str | None, typer.Option("--time", help="The column of times; default: the first one.")] = None,
+    flux_left: Annotated[
+        str | None, typer.Option("--flux-left", help="Column of the heat flux, W/m2, along +x.")
+    ] = None,
+    flux_right: Annotated[
+        str | None, typer.Option("--flux-right", help="Column of the heat flux, W/m2, along +x.")
+    ] = None,
     outside: Annotated[Literal["left", "right"] | None, typer.Option("--outside", help="The face outdoors.")] = None,
-    prior: Annotated[float, typer.Option("--prior", help="A handbook's diffusivity, m2/s.")] = 5e-7,
-    noise: Annotated[float, typer.Option("--noise", help="Scatter of the sensors' readings, K.")] = 0.1,
+    prior: Annotated[float, typer.Option("--prior", help="Prior diffusivity, m2/s.")] = DEFAULT_PRIOR,
+    noise: Annotated[float, typer.Option("--noise", help="Standard deviation of a reading, K.")] = DEFAULT_NOISE_STD,
     unit: Annotated[Literal["degC", "degF", "K"] | None, typer.Option("--unit", help="Of the temperatures.")] = None,
     day_first: Annotated[
-        bool | None, typer.Option("--day-first/--month-first", help="How dates such as 03/04/2020 are meant.")
+        bool | None, typer.Option("--day-first/--month-first", help="Order in dates such as 03/04/2020.")
     ] = None,
     timezone: Annotated[
-        str | None, typer.Option("--timezone", help='Whose wall clock the times are: "Europe/Berlin".')
+        str | None, typer.Option("--timezone", help='Time zone of the times, such as "Europe/Berlin".')
     ] = None,
-    to: Annotated[Path | None, typer.Option("--to", metavar="FILE", help="Default: case.toml beside RECORD.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Write over a file that is there.")] = False,
+    to: Annotated[
+        Path | None, typer.Option("--to", metavar="FILE", help="Default: case.toml in the folder of RECORD.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Start a case: look at a logger's file, ask what its columns are, and write a case.toml that runs.
+    """Write a new case.toml for a logger's file.
 
-    What is not given as an option is asked for; without a terminal it is refused, with the options to give.
+    The command asks for each value that is not given as an option. Without a terminal such a value is an error.
     """
-    from ..case.toml_writer import Answers
-    from ..case.wizard import new_case, place
-    from ..case.wizard_dialogue import metres
-
     try:
         answers = Answers(
             time=time,
             left=left,
             right=right,
-            length=None if length is None else metres("--length", length),
-            sensors=None if not sensor else dict(place(one) for one in sensor),
-            fluxes={key: one for key, one in (("flux_left", flux_left), ("flux_right", flux_right)) if one is not None},
+            length=None if length is None else parse_length("--length", length),
+            sensors=None if not sensor else dict(map(parse_sensor, sensor)),
+            fluxes={key: name for key, name in (("flux_left", flux_left), ("flux_right", flux_right)) if name},
             outside=outside,
             prior=prior,
             noise=noise,
-            form=Format(unit=unit, day_first=day_first, timezone=timezone),
+            file_format=FileFormat(unit=unit, day_first=day_first, timezone=timezone),
         )
-        case = new_case(record, answers, to=to, force=force, ask=_asker())
+        case = new_case(record, answers, to=to, force=force, ask=_ask if _is_terminal() else None)
     except InputError as error:
-        refuse(error)
+        exit_with_error(error)
     if not quiet:
         print(case)
         print(f"\nwrote        {case.path}; now `wallid check {case.path}`, then `wallid run {case.path}`")
 
 
-def _asker() -> Callable[..., Any] | None:
-    """Somebody to ask, where there is a terminal."""
-    return _ask if sys.stdin.isatty() else None
+def _is_terminal() -> bool:
+    return sys.stdin.isatty()
 
 
-def _ask(question: str, default: str | None, read: Callable[[str], T]) -> T:
-    """Ask at the terminal until the answer is one; the question goes to standard error."""
+def _ask(question: str, default: str | None, parse: Callable[[str], T]) -> T:
+    """Ask at the terminal until the answer is valid; the question goes to standard error."""
 
-    def taken(text: str) -> T:
+    def value_of(text: str) -> T:
         try:
-            return read(text)
+            return parse(text)
         except InputError as error:
             raise typer.BadParameter(str(error)) from error
 
     try:
-        return typer.prompt(question, default=default, show_default=bool(default), err=True, value_proc=taken)
+        return typer.prompt(question, default=default, show_default=bool(default), err=True, value_proc=value_of)
     except typer.Abort:
         raise InputError("stopped; nothing was written") from None
 
 
 @app.command()
 def check(
-    case: CaseArgument, out: Out = OUT, json: Json = False, quiet: Quiet = False, formats: Formats = "png"
+    case: CaseArgument, out: Out = DEFAULT_OUT, json: Json = False, quiet: Quiet = False, formats: Formats = "png"
 ) -> None:
-    """What the record holds, what was done to it while it was read, and what would stop a run.
+    """Check the record and report how it was cleaned.
 
-    Gaps, missing and masked values, spikes, breaks, the grid that the readings were put on: counted, and
-    drawn in the figure of the record. Takes a second or two. Status 1: something would stop a run.
+    The command counts gaps, missing and masked values, spikes and breaks, and draws them in the figure of the record.
+    It takes a second or two. Exit status 1: a run is impossible.
     """
-    carry_out(case, None, ("check",), out, json, quiet, formats)
+    run_command(case, None, ("check",), out, json, quiet, formats)
 
 
 @app.command()
@@ -178,41 +183,41 @@ def design(
     case: CaseArgument,
     criterion: Annotated[
         Literal["D", "A", "E"],
-        typer.Option("--criterion", help="Of the information: determinant, mean variance, or the worst direction."),
+        typer.Option("--criterion", help="D: determinant, A: mean variance, E: largest variance of the estimate."),
     ] = "D",
     of: Annotated[
         Literal["diffusivity", "constants", "all"],
         typer.Option(
             "--of",
-            help="What the criterion is of: the diffusivity (where D, A and E agree), with it offsets and positions, "
-            "or all that the estimate leaves free. The last two count in full.",
+            help="Parameters in the criterion: the diffusivity (D, A and E are then equal); with it the offsets and "
+            "positions of the sensors; or all estimated parameters. The last two imply --full.",
         ),
     ] = "diffusivity",
     robust: Annotated[
         Literal["no", "expected", "worst"],
         typer.Option(
-            "--robust", help="Choose for a quarter to four times the prior diffusivity: on average, or at worst."
+            "--robust", help="Design for 0.25 to 4 times the prior diffusivity: mean (expected) or worst case."
         ),
     ] = "no",
     full: Annotated[
         bool,
         typer.Option(
             "--full",
-            help="Count what the interval counts: the faces' noise, positions and the initial profile, too. (The "
-            "places of further sensors, and designs with flux plates, always do.)",
+            help="Include all nuisance parameters and noise of the estimate: face noise, positions, initial profile. "
+            "(Always included for the positions of further sensors and for flux plates.)",
         ),
     ] = False,
     add: Annotated[
-        int, typer.Option("--add", min=0, max=6, help="Further sensors to find places for, one after the other.")
+        int, typer.Option("--add", min=0, max=6, help="Number of further sensors to place, one after the other.")
     ] = 1,
-    out: Out = OUT,
+    out: Out = DEFAULT_OUT,
     json: Json = False,
     quiet: Quiet = False,
     formats: Formats = "png",
 ) -> None:
-    """Which days of the record tell most, what longer windows would give, and where a further sensor would help."""
-    designing = workflow.Designing(criterion, of, robust, full or of != "diffusivity" or None, add)
-    carry_out(case, None, ("design", "lengths", "places"), out, json, quiet, formats, designing=designing)
+    """Find the most informative days, the gain from longer windows, and the best position of a further sensor."""
+    design_options = workflow.DesignOptions(criterion, of, robust, full or of != "diffusivity" or None, add)
+    run_command(case, None, ("design", "lengths", "places"), out, json, quiet, formats, design_options=design_options)
 
 
 @app.command()
@@ -224,7 +229,7 @@ def estimate(
     from_row: Annotated[
         int | None,
         typer.Option(
-            "--from-row", min=0, help="Start the window at this row (the first is 0), not where the design says."
+            "--from-row", min=0, help="Start the window at this row (the first is 0), not at the best of the design."
         ),
     ] = None,
     free: Annotated[
@@ -232,49 +237,52 @@ def estimate(
         typer.Option(
             "--free",
             metavar="WHAT",
-            help="Estimate this too: layers (each one's diffusivity), film_left, film_right (that face reads the air); "
-            "repeat it.",
+            help="Estimate also: layers (conductivity of each layer), film_left, film_right (surface resistance, where "
+            "the column of that face is the air temperature); repeatable.",
         ),
     ] = None,
     all_windows: Annotated[
         bool,
-        typer.Option("--all-windows", help="One estimate from every window of the record that tells anything."),
+        typer.Option("--all-windows", help="One estimate from all informative windows of the record."),
     ] = False,
     bootstrap: Draws = 0,
-    out: Out = OUT,
+    out: Out = DEFAULT_OUT,
     json: Json = False,
     quiet: Quiet = False,
     formats: Formats = "png",
 ) -> None:
-    """The diffusivity from the best window (or from one that you name), without the rest."""
+    """Estimate the diffusivity from the best window, or from the window at --from-row."""
     options = {"weights": weights, "integrator": integrator, "draws": bootstrap}
     if all_windows:
-        given = {
+        excluded = {
             "--from-row": from_row is not None, "--bootstrap": bootstrap > 0, "--weights none": weights == "none",
             "--free": bool(free), "--model mim": model == "mim", "--integrator diffrax": integrator == "diffrax",
         }  # fmt: skip
-        if wrong := [name for name, there in given.items() if there]:
-            refuse(InputError(f"--all-windows goes through every window by the large model; leave {wrong[0]} out"))
-        carry_out(case, None, ("campaign",), out, json, quiet, formats)
+        if stated := [name for name, is_stated in excluded.items() if is_stated]:
+            exit_with_error(
+                InputError(f"--all-windows uses the full-order model in every window; leave {stated[0]} out")
+            )
+        run_command(case, None, ("campaign",), out, json, quiet, formats)
         return
-    carry_out(
+    run_command(
         case, model, ("design", "learn", "estimate"), out, json, quiet, formats, from_row=from_row, free=free, **options
     )
 
 
 @app.command()
 def diagnose(
-    case: CaseArgument, out: Out = OUT, json: Json = False, quiet: Quiet = False, formats: Formats = "png"
+    case: CaseArgument, out: Out = DEFAULT_OUT, json: Json = False, quiet: Quiet = False, formats: Formats = "png"
 ) -> None:
-    """What the plain model misses in the whole record, and the diffusivity with it in.
+    """Find the effect that is missing from the plain model, and the diffusivity of the model with this effect.
 
-    Each effect of a library (sensors, faces, materials, sources) is tried: the verdict names the one that is
-    missing with its size, or says that none is, that two cannot be told apart, or that it is none of these.
-    Takes about a minute; `[choices] diagnose_days` shortens the record.
+    The command tests each effect of a library (sensors, faces, materials, sources) on the entire record. The verdict
+    is: an effect is missing, with its size; none is missing; two effects cannot be distinguished; or the missing
+    effect is not in the library.
+    It takes about a minute; `[choices] diagnose_days` shortens the record.
     """
-    carry_out(case, None, ("diagnose",), out, json, quiet, formats)
+    run_command(case, None, ("diagnose",), out, json, quiet, formats)
 
 
 def command() -> None:
-    """`wallid` as a process of its own."""
+    """Entry point of the program `wallid`."""
     app()

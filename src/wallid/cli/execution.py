@@ -1,4 +1,4 @@
-"""What every command on a case does: load it, run with a progress bar, write, print, and end with a status."""
+"""The execution of a command: load the case, run the stages, write the files, print, and set the exit status."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from threadpoolctl import threadpool_limits
 
 from .. import workflow
 from .._internal.errors import InputError
-from .._internal.validation import within
+from .._internal.validation import error_context
 from .._internal.xla_options import prepare_xla
 from ..case.case_definition import Case
 from ..case.case_file import load
 from ..case.time_window import Window, check_unbroken, window_rows
 
 
-def carry_out(
+def run_command(
     name: str,
     model: str | None,
     stages: tuple[str, ...],
@@ -34,81 +34,84 @@ def carry_out(
     from_row: int | None = None,
     free: list[str] | None = None,
     orders: str = "",
-    **choices: str | int | workflow.Designing,
+    **run_options: str | int | workflow.DesignOptions,
 ) -> None:
-    """Load, run, write, print; every message to standard error but the summary or the JSON.
+    """Load a case, run the stages, write the files and print a summary.
+
+    Only the summary or the JSON goes to standard output; all other messages go to standard error.
 
     Args:
-        name: of the case, as the user gave it.
-        model, from_row, free, orders, out, json, quiet, formats: the options of that name (`_options`).
-        choices: passed on to `workflow.run`.
+        name: of the case, as the user stated it.
+        model, from_row, free, orders, out, json, quiet, formats: the options with these names.
+        run_options: passed on to `workflow.run`.
 
     Raises:
-        typer.Exit: status 1 where the record gives no number to rely on, 2 for bad input.
+        typer.Exit: status 1 if the result is unreliable, 2 for invalid input.
     """
     from ..report import writer as report
 
     try:
-        wanted = report.parse_formats(formats)
-        with _progress(quiet or json) as progress:
+        figure_formats = report.parse_formats(formats)
+        with _progress_bar(quiet or json) as progress:
             progress("reading the case", 0.0)
-            _set_up()
-            case = _chosen(load(name), model, free)
-            report.check_out(out)
+            _configure_process()
+            case = _with_options(load(name), model, free)
+            report.check_output_folder(out)
             window = None if from_row is None else _window(case, from_row)
-            done = workflow.run(
+            result = workflow.run(
                 case,
                 stages=stages,
                 window=window,
                 orders=_parse_orders(orders),
                 progress=lambda stage, share: progress(stage, 0.05 + 0.8 * share),
-                **choices,  # pyright: ignore[reportArgumentType] (typer has checked the words)
+                **run_options,  # pyright: ignore[reportArgumentType] (typer has checked the values)
             )
             progress("figures", 0.9)
-            written = report.write(done, out, shlex.join(["wallid", *sys.argv[1:]]), formats=wanted)
+            written = report.write_report(result, out, shlex.join(["wallid", *sys.argv[1:]]), formats=figure_formats)
     except InputError as error:
-        refuse(error)
+        exit_with_error(error)
     if json:
         print((out / "result.json").read_text("utf-8"), end="")
     elif not quiet:
-        _summarise(done, name, written)
-    if done.unreliable:
+        _print_summary(result, name, written)
+    if result.unreliable_reason:
         raise typer.Exit(1)
 
 
-def _summarise(done: workflow.Run, name: str, written: list[Path]) -> None:
-    """What was found, where it lies, and what to ask next."""
-    print(done)
+def _print_summary(result: workflow.Run, name: str, written: list[Path]) -> None:
+    """Print the results, the names of the written files, and the command to run next."""
+    print(result)
     print(f"\nwrote        {', '.join(path.name for path in written)} to {written[0].parent}")
-    if kept := [path.name for path in written if path.name.startswith("report-")]:
-        print(f"kept         the report of an earlier command there, as {kept[0]}")
-    if done.fit is not None and done.diagnosis is None and done.case.sensors and not done.unreliable:
-        print(f"next         wallid diagnose {shlex.quote(name)}: does the model miss something?")
+    if previous := [path.name for path in written if path.name.startswith("report-")]:
+        print(f"kept         the report of an earlier command in this folder, as {previous[0]}")
+    estimated = result.fit is not None and result.diagnosis is None
+    if estimated and result.case.sensors and not result.unreliable_reason:
+        print(f"next         wallid diagnose {shlex.quote(name)}: is an effect missing from the model?")
 
 
-def refuse(error: InputError) -> NoReturn:
-    """One line on standard error, and status 2."""
+def exit_with_error(error: InputError) -> NoReturn:
+    """Print the message on standard error and exit with status 2."""
     print(f"wallid: {error}", file=sys.stderr)
     raise typer.Exit(2) from None
 
 
-def _set_up() -> None:
-    """Settings of the whole process, which a command has to itself."""
+def _configure_process() -> None:
+    """Set JAX, XLA and BLAS for the process of the command."""
     jax.config.update("jax_enable_x64", True)
     prepare_xla()
-    threadpool_limits(limits=1, user_api="blas")  # `mim` says why
+    threadpool_limits(limits=1, user_api="blas")  # threads of LAPACK only wait for each other on thin matrices
 
 
-def _chosen(case: Case, model: str | None, free: list[str] | None) -> Case:
-    """The case with the model that `--model` asks for, and what `--free` adds to the estimate."""
+def _with_options(case: Case, model: str | None, free: list[str] | None) -> Case:
+    """The case with the values of `--model` and `--free`."""
     if free:
-        with within("--free"):
+        with error_context("--free"):
             case = replace(case, choices=replace(case.choices, free=tuple(free)))
     return case if model is None else replace(case, choices=replace(case.choices, model=model))
 
 
 def _window(case: Case, row: int) -> Window:
-    """The case's window from `--from-row` on."""
+    """The window of the case that starts at `--from-row`."""
     rows = window_rows(case, case.choices.window_days)
     if row + rows > case.record.rows:
         raise InputError(
@@ -120,33 +123,26 @@ def _window(case: Case, row: int) -> Window:
 
 
 def _parse_orders(text: str) -> tuple[int, ...]:
-    """The orders that `--orders` lists with commas."""
+    """The orders in the list of `--orders`."""
     try:
         return tuple(int(part) for part in text.split(",") if part.strip())
     except ValueError:
-        raise InputError(f'--orders {text!r}: whole numbers with commas are wanted, such as "2,5,10"') from None
+        raise InputError(f'--orders {text!r}; it must be integers separated by commas, such as "2,5,10"') from None
 
 
 @contextmanager
-def _progress(silent: bool):
-    """A progress bar on standard error: told (stage, share of the work done)."""
+def _progress_bar(silent: bool):
+    """A progress bar on standard error; its function takes (stage, completed share of the work)."""
     if silent:
-
-        def say_nothing(stage: str, share: float) -> None:
-            return
-
-        yield say_nothing
+        yield lambda stage, share: None
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description:<45}"), BarColumn(), TimeElapsedColumn())
     console = Console(stderr=True)
-    # a file or a pipe wants messages, not a bar
+    # no bar where standard error is a file or a pipe
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=1.0)
 
-        def say(stage: str, share: float) -> None:
-            bar.update(task, description=stage, completed=share)
-
-        yield say
+        yield lambda stage, share: bar.update(task, description=stage, completed=share)

@@ -1,6 +1,7 @@
-"""Where a model and its record part, which effect is missing, and how far the gap shrinks with it in the model."""
+"""Diagnosis of model error: which physical effect the plain model misses, its size, and the diffusivity with it."""
 
-from .findings import Diagnosis, NamedEffect, RankedEffect, Trial
+from .diagnosis_result import Diagnosis
+from .effect_results import NamedEffect, RankedEffect, Trial
 from .problem import diagnosis_problem
 from .search_for_effects import diagnose
 

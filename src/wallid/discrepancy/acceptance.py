@@ -1,4 +1,4 @@
-"""Whether a fit may stand: what it is worth with what its effects chose paid for, and why it is refused."""
+"""When a fit with effects is accepted: significance levels, penalty for searched parameters, reasons for rejection."""
 
 from __future__ import annotations
 
@@ -6,49 +6,61 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from .effect_fit import Fit
+from .effect_fit import EffectFit
 from .problem import EffectParameters
 
-_TOLD = 2.0  # standard deviations from none that a size must be, with its places and hours free
-_MOVES = 0.5  # of the diffusivity's standard deviation: an effect too small to report stays if it moves it so far
+FIRST_EFFECT_LEVEL = 0.03
+"""Significance level of the first effect, family-wise over the entire library."""
+FURTHER_EFFECT_LEVEL = 0.01
+"""Significance level of a further effect, and of a pair where no single effect is significant."""
+RESIDUAL_TEST_LEVEL = 1e-3
+"""Significance level of each of the about five tests of a final model."""
+_MIN_SIZE_RATIO = 2.0  # smallest size of an effect over its standard deviation
+_MIN_SHIFT = 0.5  # shift of ln(alpha) over its standard deviation from which a small effect is kept
 
 
-def price(fit: Fit, slots: Iterable[EffectParameters]) -> float:
-    """What the places, hours and temperatures that some effects chose must bring of `-2 log L` to be worth it.
+def bic_penalty(fit: EffectFit, effects: Iterable[EffectParameters]) -> float:
+    """The penalty on `-2 log L` for the searched positions, hours and temperatures of some effects, `k ln(n)`.
 
-    `ln(readings)` each, by the Bayesian criterion: an effect that may choose explains a little of anything.
+    k is the number of these parameters, n that of the readings. The sizes of the effects are not counted: their
+    gain is tested against the score test of the entire library.
 
     Source: G. Schwarz, Ann. Stat. 6 (1978), 461.
     """
-    chosen = sum(not parameter.is_size for slot in slots for parameter in slot.effect.parameters)
+    chosen = sum(
+        not parameter.is_size for effect_parameters in effects for parameter in effect_parameters.effect.parameters
+    )
     return chosen * float(np.log(len(fit.noise.whiten)))
 
 
-def weighed(fit: Fit) -> float:
-    """Its `-2 log L` with what its effects chose paid for."""
-    return fit.cost + price(fit, fit.active)
+def penalised_cost(fit: EffectFit) -> float:
+    """`-2 log L` of a fit plus the penalty of its effects."""
+    return fit.cost + bic_penalty(fit, fit.active)
 
 
-def refusal(fit: Fit) -> str:
-    """Why a fit is not acceptable; empty where it is."""
-    study = fit.study
+def reason_for_refusal(fit: EffectFit) -> str:
+    """Why a fit is rejected; empty where it is accepted."""
+    problem = fit.problem
     if fit.at_bound:
-        return f"{study.label(fit.at_bound[0].effect)} at the bound of its search"
+        return f"{problem.label(fit.at_bound[0].effect)} is at the bound of its search range"
     if not np.isfinite(fit.cost):
-        return "no finite fit"
-    for slot in fit.active:
-        size = slot.effect.parameters[0]
-        if abs(fit.theta[slot.first]) < _TOLD * fit.std(slot.first):
-            return f"{study.label(slot.effect)} of a size that this record cannot tell from none"
-        if size.worth is not None and abs(fit.theta[slot.first]) < size.worth and _pull(fit, slot) < _MOVES:
-            return f"{study.label(slot.effect)} smaller than {size.worth:g} {size.unit}, and moves nothing"
+        return "the fit is not finite"
+    for effect_parameters in fit.active:
+        label, size = problem.label(effect_parameters.effect), effect_parameters.effect.parameters[0]
+        value = abs(fit.theta[effect_parameters.size_index])
+        if value < _MIN_SIZE_RATIO * fit.std(effect_parameters.size_index):
+            return f"{label} has a size that this record cannot distinguish from zero"
+        small = size.smallest_reported is not None and value < size.smallest_reported
+        if small and _relative_shift(fit, effect_parameters) < _MIN_SHIFT:
+            limit = f"{size.smallest_reported:g} {size.unit}"
+            return f"{label} is smaller than {limit} and does not change the diffusivity"
     return ""
 
 
-def _pull(fit: Fit, slot: EffectParameters) -> float:
-    """How far an effect moves ln(diffusivity), in its standard deviations without the effect, to first order."""
-    place = fit.free.index(slot.first)
+def _relative_shift(fit: EffectFit, effect_parameters: EffectParameters) -> float:
+    """Shift of ln(alpha) by an effect over its standard deviation without the effect, to first order."""
+    index = fit.estimated_indices.index(effect_parameters.size_index)
     covariance = fit.covariance
-    shift = abs(covariance[0, place] / covariance[place, place] * fit.theta[slot.first])
-    alone = max(covariance[0, 0] - covariance[0, place] ** 2 / covariance[place, place], 1e-300)
+    shift = abs(covariance[0, index] / covariance[index, index] * fit.theta[effect_parameters.size_index])
+    alone = max(covariance[0, 0] - covariance[0, index] ** 2 / covariance[index, index], 1e-300)
     return float(shift / np.sqrt(alone))

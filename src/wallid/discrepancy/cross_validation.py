@@ -1,4 +1,4 @@
-"""Compare: how far the gap shrank, on days that were not used too, and whether a size is the same at all times."""
+"""Cross-validation of two models on days held out, and the size of an effect in each quarter of the record."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 import scipy
 
 from .._internal.units import DAY
-from .effect_fit import Fit, refit, whiten_block, whiten_part
+from .effect_fit import EffectFit, refit, whitening_block, whitening_of_subset
 from .problem import DiagnosisProblem, EffectParameters
 
-_BLOCKS = 9  # a third of them is held out
-_LEAST = 0.2  # of the rows
+_BLOCKS = 9  # of whole days, of which a third is held out
+_MIN_HELD_OUT = 0.2  # share of the rows
 _WINDOWS = 4
-_BLIND = 100.0  # standard deviations of the whole record's size: a window as uncertain as this tells nothing
-_OTHERS = 2.0  # how far what else is free may go in one window, in its standard deviations of the whole record
+_MAX_STD_RATIO = 100.0  # std of a size in a window over that in the entire record, from which it is not informative
+_PRIOR_RATIO = 2.0  # prior std of the other parameters in a window over their std in the entire record
 
 
 @dataclass(frozen=True)
@@ -25,97 +25,111 @@ class Gap:
     """Root mean squares of measured minus predicted, K.
 
     Args:
-        before, after: of all rows used, by the plain and by the extended model.
-        floor: what the noise alone would leave.
-        held_out_before, held_out_after: of the rows held out, predicted with parameters found without them;
-            None where the record is too short to hold a day out.
+        before: of the plain model, all rows used.
+        after: of the model with effects, all rows used.
+        noise_floor: expected of the noise alone.
+        held_out_before: of the plain model on the rows held out, with parameters fitted without them; None where the
+            record is too short to hold out a day.
+        held_out_after: the same of the model with effects.
     """
 
     before: float
     after: float
-    floor: float
+    noise_floor: float
     held_out_before: float | None
     held_out_after: float | None
 
     @property
-    def left(self) -> float | None:
-        """The share of the held-out excess over the floor that is left; None where there was none."""
+    def remaining_share(self) -> float | None:
+        """Share of the held-out error above the noise that remains with the effects; None where there was none."""
         if self.held_out_before is None or self.held_out_after is None:
             return None
-        before, after = (max(gap**2 - self.floor**2, 0.0) ** 0.5 for gap in (self.held_out_before, self.held_out_after))
+        before, after = (
+            max(rms**2 - self.noise_floor**2, 0.0) ** 0.5 for rms in (self.held_out_before, self.held_out_after)
+        )
         return after / before if before > 0 else None
 
 
-def cross_validate(before: Fit, after: Fit) -> Gap:
-    """The gap of two models, on all rows and on days held out."""
-    held = held_out(after.study, after.events)
-    if held is None:
-        return Gap(before.gap, after.gap, after.noise.floor, None, None)
-    outside_before = _gap_outside(before, held)
-    outside_after = outside_before if after is before else _gap_outside(after, held)
-    return Gap(before.gap, after.gap, after.noise.floor, outside_before, outside_after)
-
-
-def held_out(study: DiagnosisProblem, events: Iterable[tuple[float, float]] = ()) -> np.ndarray | None:
-    """Which rows are held out: every third block of whole days; None where the record has under three days.
+def cross_validate(before: EffectFit, after: EffectFit) -> Gap:
+    """The gaps of two models, on all rows and on days held out.
 
     Args:
-        events: when something happened once and how long it lasted, s. No other days tell of it, so those blocks are
-            held out that see least of it.
+        before: fit of the plain model.
+        after: fit of the model with effects.
     """
-    time = study.record.time
-    if study.record.duration + study.record.step < 3 * DAY:
+    rows = held_out(after.problem, after.events)
+    if rows is None:
+        return Gap(before.gap, after.gap, after.noise.floor, None, None)
+    held_out_before = _held_out_gap(before, rows)
+    held_out_after = held_out_before if after is before else _held_out_gap(after, rows)
+    return Gap(before.gap, after.gap, after.noise.floor, held_out_before, held_out_after)
+
+
+def held_out(problem: DiagnosisProblem, events: Iterable[tuple[float, float]] = ()) -> np.ndarray | None:
+    """Mask of the rows held out: every third block of whole days; None where the record has under three days.
+
+    Args:
+        problem: the case prepared for the search.
+        events: start and duration of each single event, s. Only the days after an event are informative about it, so
+            the blocks least affected are held out.
+    """
+    time = problem.record.time
+    if problem.record.duration + problem.record.step < 3 * DAY:
         return None
     days = (time // DAY).astype(int)
     block = days // max(1, (days[-1] + 1) // _BLOCKS)
-    seen = sum(np.where(time >= begin, np.exp(-np.maximum(time - begin, 0.0) / lasts), 0.0) for begin, lasts in events)
-    thirds = [(block % 3 == third) & (block > 0) for third in (1, 2, 0)]  # the first hours are a free profile's
-    return min((held for held in thirds if np.mean(held) >= _LEAST), key=lambda held: float(np.sum(held * seen)))
+    affected = sum(np.where(time >= t0, np.exp(-np.maximum(time - t0, 0.0) / duration), 0.0) for t0, duration in events)
+    # never the first block, which determines the initial profile
+    thirds = [(block % 3 == third) & (block > 0) for third in (1, 2, 0)]
+    large_enough = [rows for rows in thirds if np.mean(rows) >= _MIN_HELD_OUT]
+    return min(large_enough, key=lambda rows: float(np.sum(rows * affected)))
 
 
-def _gap_outside(fit: Fit, held: np.ndarray) -> float:
-    """Root mean square on the rows held out, with parameters found without them, K."""
-    rest = _trained(fit, held).residual_at_rows[held]
-    return float(np.sqrt(np.nanmean(rest**2)))
+def _held_out_gap(fit: EffectFit, rows: np.ndarray) -> float:
+    """Root mean square on the rows held out, with parameters fitted without them, K."""
+    return float(np.sqrt(np.nanmean(_training_fit(fit, rows).residual_at_rows[rows] ** 2)))
 
 
-def _trained(fit: Fit, held: np.ndarray) -> Fit:
-    """The same model found without the rows held out."""
-    key = held.tobytes()
-    if key not in fit.trained:
-        used = ~_bins_with(fit.study, held)
-        fit.trained[key] = refit(fit.study, fit.active, fit.theta, fit.noise, used=used)
-    return fit.trained[key]
+def _training_fit(fit: EffectFit, rows: np.ndarray) -> EffectFit:
+    """The same model fitted without the rows held out; computed once."""
+    key = rows.tobytes()
+    if key not in fit.training_fits:
+        used = ~_bins_with(fit.problem, rows)
+        fit.training_fits[key] = refit(fit.problem, fit.active, fit.theta, fit.noise, used=used)
+    return fit.training_fits[key]
 
 
-def cost_outside(fit: Fit, held: np.ndarray) -> float:
-    """`-2 log L` of the rows held out, predicted with parameters found without them, up to what noise sets.
+def held_out_cost(fit: EffectFit, rows: np.ndarray) -> float:
+    """`-2 log L` of the rows held out with parameters fitted without them, plus the squared prior residuals.
 
-    With their pull on their priors: a position error of many standard deviations foretells days as well as the effect
-    that it stands for, and is no rival to it for that.
+    The priors count because a position error of many standard deviations predicts the held-out days as well as the
+    effect that it replaces.
     """
-    study = fit.study
-    trained = _trained(fit, held)
-    binned = study.binned(trained.residual_at_rows)
-    chosen = np.flatnonzero(_bins_with(study, held))
-    return float(np.sum((whiten_part(fit.noise, chosen) @ binned) ** 2) + np.sum(trained.prior_residual**2))
+    problem = fit.problem
+    training_fit = _training_fit(fit, rows)
+    binned = problem.binned(training_fit.residual_at_rows)
+    chosen = np.flatnonzero(_bins_with(problem, rows))
+    return float(
+        np.sum((whitening_of_subset(fit.noise, chosen) @ binned) ** 2) + np.sum(training_fit.prior_residual**2)
+    )
 
 
-def _bins_with(study: DiagnosisProblem, rows: np.ndarray) -> np.ndarray:
-    """Which binned readings hold any of these rows."""
-    size = study.bins.rows
+def _bins_with(problem: DiagnosisProblem, rows: np.ndarray) -> np.ndarray:
+    """Mask of the binned readings that contain any of these rows."""
+    size = problem.bins.rows
     padded = np.pad(rows, (0, -len(rows) % size)).reshape(-1, size).any(axis=1)
-    return np.tile(padded, study.sensors)
+    return np.tile(padded, problem.sensor_count)
 
 
 @dataclass(frozen=True)
-class Windows:
-    """An effect's size, window by window.
+class EffectByWindow:
+    """The size of an effect in each window of the record.
 
     Args:
-        days: the middle of each window, from the record's start.
-        size, std: in the effect's unit; NaN where a window tells nothing of it. p_value: of all being the same, 1 where
-            fewer than two tell.
+        days: middle of each window, days from the start of the record, `(window,)`.
+        size: in the unit of the effect, `(window,)`; NaN where a window is not informative.
+        std: standard deviation of the size, `(window,)`; NaN likewise.
+        p_value: chi-square test of equal sizes; 1 where fewer than two windows are informative.
     """
 
     days: np.ndarray
@@ -124,40 +138,39 @@ class Windows:
     p_value: float
 
     @property
-    def told(self) -> int:
-        """How many windows tell something of the size."""
+    def informative_windows(self) -> int:
+        """Number of windows that are informative about the size."""
         return int(np.isfinite(self.size).sum())
 
 
-def windows(fit: Fit, slot: EffectParameters) -> Windows:
-    """The size of an effect found in each quarter of the record.
+def effect_by_window(fit: EffectFit, effect_parameters: EffectParameters) -> EffectByWindow:
+    """The size of an effect in each quarter of the record, to first order about the fit.
 
-    To first order about the fit; what else is free may go twice its uncertainty from where the whole
-    record puts it.
+    The other estimated parameters have priors: their values and twice their uncertainty from the entire record.
     """
-    study, noise = fit.study, fit.noise
-    place = fit.free.index(slot.first)
-    bins = len(noise.whiten) // study.sensors
-    J, r = fit.in_kelvin()
-    prior = 1.0 / (_OTHERS * np.sqrt(np.diag(fit.covariance)))
-    prior[place] = 0.0
+    problem, noise = fit.problem, fit.noise
+    k = fit.estimated_indices.index(effect_parameters.size_index)
+    bins = len(noise.whiten) // problem.sensor_count
+    J, r = fit.unwhitened()
+    prior = 1.0 / (_PRIOR_RATIO * np.sqrt(np.diag(fit.covariance)))
+    prior[k] = 0.0
     edges = np.linspace(0, bins, _WINDOWS + 1).astype(int)
     sizes, stds = [], []
     for first, last in pairwise(edges):
-        used = np.tile((np.arange(bins) >= first) & (np.arange(bins) < last), study.sensors)
+        used = np.tile((np.arange(bins) >= first) & (np.arange(bins) < last), problem.sensor_count)
         chosen = np.flatnonzero(used)
-        W = whiten_block(noise, chosen)
+        W = whitening_block(noise, chosen)
         system = np.concatenate([W @ J[chosen], np.diag(prior)])
         right = np.concatenate([W @ r[chosen], np.zeros(len(prior))])
         scale = np.maximum(np.linalg.norm(system, axis=0), 1e-300)
         inverse = np.linalg.pinv(system / scale, rcond=1e-12)
-        sizes.append(fit.theta[slot.first] + (inverse @ right)[place] / scale[place])
-        stds.append(np.linalg.norm(inverse[place]) / scale[place])
+        sizes.append(fit.theta[effect_parameters.size_index] + (inverse @ right)[k] / scale[k])
+        stds.append(np.linalg.norm(inverse[k]) / scale[k])
     size, std = np.array(sizes), np.array(stds)
-    told = std < _BLIND * max(fit.std(slot.first), 1e-300)
-    size, std = np.where(told, size, np.nan), np.where(told, std, np.nan)
-    weight = np.where(told, 1.0 / np.where(told, std, 1.0) ** 2, 0.0)
+    informative = std < _MAX_STD_RATIO * max(fit.std(effect_parameters.size_index), 1e-300)
+    size, std = np.where(informative, size, np.nan), np.where(informative, std, np.nan)
+    weight = np.where(informative, 1.0 / np.where(informative, std, 1.0) ** 2, 0.0)
     mean = np.nansum(weight * size) / max(weight.sum(), 1e-300)
-    p = float(scipy.special.chdtrc(max(told.sum() - 1, 1), np.nansum(weight * (size - mean) ** 2)))
-    days = 0.5 * (edges[1:] + edges[:-1]) * study.bins.rows * study.record.step / DAY
-    return Windows(days, size, std, p)
+    p = float(scipy.special.chdtrc(max(informative.sum() - 1, 1), np.nansum(weight * (size - mean) ** 2)))
+    days = 0.5 * (edges[1:] + edges[:-1]) * problem.bins.rows * problem.record.step / DAY
+    return EffectByWindow(days, size, std, p)

@@ -1,143 +1,63 @@
-"""What the search found: one record from which every table, figure and result.json derives."""
+"""The data and the verdict of the search for a missing effect."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from .acceptance import refusal
-from .cross_validation import Gap, Windows
-from .effect_fit import Fit
+from .acceptance import FIRST_EFFECT_LEVEL, RESIDUAL_TEST_LEVEL, reason_for_refusal
+from .cross_validation import Gap
+from .effect_fit import EffectFit
+from .effect_results import NamedEffect, RankedEffect, Trial
 from .problem import DiagnosisProblem, EffectParameters
 from .residual_tests import ResidualTests
-from .result_entries import result
-from .score_test import Screen
-from .summary import sentence, summary
+from .score_test import CandidateScores
 
-LEFT_OVER = 1e-3
-"""How often chance may make one test say that something is left; a right name is asked some five."""
-FURTHER = 0.01
-"""How often chance may make a further effect, or a pair where no single effect stands out."""
-CHANCE = 0.03
-"""Over the whole library: above it, a gain is no more than chance makes."""
-_ALIKE = 0.95  # cosine from which two effects look alike
-_FORETOLD = 2.0  # times the noise's variance, that a model may leave on days held out
-_PLAIN_TO_SEE = 3.0  # times the gain that chance makes in the whole library
-_CLEAR = 9.0  # of -2 log L: the size that would have been told apart from none
-
-
-@dataclass
-class Trial:
-    """A fit that was tried.
-
-    Args:
-        base: what it was tried beside. expected: the drop of `-2 log L` that the screen promised.
-        reason: why it was refused; empty where it was not.
-    """
-
-    base: Fit
-    fit: Fit
-    expected: float
-    reason: str = ""
-
-    @property
-    def gain(self) -> float:
-        """The drop of `-2 log L`."""
-        return self.base.cost - self.fit.cost
-
-    @property
-    def added(self) -> tuple[EffectParameters, ...]:
-        """What it added."""
-        return tuple(slot for slot in self.fit.active if slot not in self.base.active)
+_SIMILAR_COSINE = 0.95  # from this cosine of two derivatives on, two effects count as similar
+_HELD_OUT_VARIANCE_RATIO = 2.0  # largest mean square on the days held out over the noise variance
+_CLEAR_GAIN_RATIO = 3.0  # gain over the chance gain from which a rejected trial makes the diagnosis incomplete
+_DETECTABLE_GAIN = 9.0  # drop of -2 log L of an effect of three standard deviations
 
 
 @dataclass(frozen=True, eq=False)
-class NamedEffect:
-    """An effect that was found.
+class Findings:
+    """The data of a diagnosis, and the verdict that follows from them.
 
     Args:
-        values: of each parameter: (value, standard deviation).
-        expected, gain: drop of `-2 log L`, by the screen's linear prediction and by the refit.
-        p_value: of the gain, over the whole library.
-        alternatives: effects that this record cannot tell from it.
-        windows: its size in each quarter of the record.
-    """
-
-    slot: EffectParameters
-    values: dict[str, tuple[float, float]]
-    expected: float
-    gain: float
-    p_value: float
-    alternatives: tuple[EffectParameters, ...]
-    windows: Windows
-
-
-@dataclass(frozen=True, eq=False)
-class RankedEffect:
-    """An effect in the ranked table, beside the plain model.
-
-    Args:
-        expected, gain: drop of `-2 log L`, by the linear prediction and after a refit (None where none was made).
-        size, std: in `unit`. shift: relative change of the diffusivity.
-        rivals: effects whose trace in this record is nearly the same.
-        reason: why it is in the model or not.
-    """
-
-    slot: EffectParameters
-    label: str
-    expected: float
-    gain: float | None
-    size: float
-    std: float
-    unit: str
-    shift: float
-    rivals: tuple[str, ...]
-    reason: str
-
-    def __str__(self) -> str:
-        gain = "" if self.gain is None else f"{self.gain:.0f}"
-        size = f"{self.size:.3g} +- {self.std:.1g} {self.unit}".rstrip()
-        like = f" (like {', '.join(self.rivals[:2])})" if self.rivals else ""
-        numbers = f"{self.expected:8.0f} {gain:>7}  {size:<28} {100 * self.shift:+6.1f} %"
-        return f"{self.label:<36} {numbers}  {self.reason}{like}"
-
-
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """What the plain model misses in a record.
-
-    Args:
-        before, after: the plain model and the one with the effects in.
-        effects: that were found, the largest gain first.
-        screen: the whole library beside the plain model.
+        problem: the case prepared for the search.
+        before: the fit of the plain model.
+        after: the fit with the named effects.
+        effects: the named effects, largest gain first.
+        scores: the score test of the entire library against the plain model.
         trials: every fit that was tried.
-        rivals: fits that come close to `after`.
-        left_before, left_after: where the two models and the readings part.
-        wanting: p-value of what one effect more than are looked for would explain; 1 where there are fewer.
+        gap: root mean squares of the residuals of both fits.
+        residual_tests_before: residual tests of `before`.
+        residual_tests_after: residual tests of `after`.
+        p_value_of_one_more: p-value of one effect more where `effects` has the largest number allowed, else 1.
+        rivals: fits with one effect exchanged.
     """
 
-    study: DiagnosisProblem = field(repr=False)
-    before: Fit = field(repr=False)
-    after: Fit = field(repr=False)
+    problem: DiagnosisProblem = field(repr=False)
+    before: EffectFit = field(repr=False)
+    after: EffectFit = field(repr=False)
     effects: tuple[NamedEffect, ...]
-    screen: Screen = field(repr=False)
+    scores: CandidateScores = field(repr=False)
     trials: tuple[Trial, ...] = field(repr=False)
     gap: Gap
-    left_before: ResidualTests = field(repr=False)
-    left_after: ResidualTests = field(repr=False)
-    wanting: float
-    rivals: tuple[Fit, ...] = field(repr=False)
+    residual_tests_before: ResidualTests = field(repr=False)
+    residual_tests_after: ResidualTests = field(repr=False)
+    p_value_of_one_more: float
+    rivals: tuple[EffectFit, ...] = field(repr=False)
 
     @property
     def verdict(self) -> str:
-        """`adequate`, `named`, `confusable`, `unnamed` or `uninformative`; see `__str__` for the sentence."""
+        """`adequate`, `named`, `confusable`, `unnamed` or `uninformative`."""
         if self.incomplete:
             return "unnamed"
         low, high = self.interval_95
-        if high / low > self.study.case.choices.largest_interval_factor:
+        if high / low > self.problem.case.choices.largest_interval_factor:
             return "uninformative"
         if not self.effects:
             return "adequate"
@@ -145,46 +65,50 @@ class Diagnosis:
 
     @cached_property
     def incomplete(self) -> str:
-        """Why what was found is not all that is missing, and no name stands; empty where nothing says so."""
-        if self.left_after.p_value < LEFT_OVER:
-            return f"{self._added}the omnibus test still finds something (p = {self.left_after.p_value:.1g})"
-        if self.wanting < LEFT_OVER:
-            return f"{self._added}a third would still explain more than chance does (p = {self.wanting:.1g})"
+        """Why the named effects do not explain the entire model error; empty where they do."""
+        if self.residual_tests_after.p_value < RESIDUAL_TEST_LEVEL:
+            p = self.residual_tests_after.p_value
+            return f"{self._named_labels}the omnibus test still rejects the model (p = {p:.1g})"
+        if self.p_value_of_one_more < RESIDUAL_TEST_LEVEL:
+            p = self.p_value_of_one_more
+            return f"{self._named_labels}a third effect would explain more than chance alone gives (p = {p:.1g})"
         for named in self.effects:
-            if named.windows.p_value < LEFT_OVER:
-                label, p = self.study.label(named.slot.effect), named.windows.p_value
-                return f"the best name, {label}, would have another size at another time (p = {p:.1g})"
-        if self._refused:
-            likeliest = max(self._refused, key=lambda trial: trial.gain)
-            labels = " and ".join(self.study.label(slot.effect) for slot in likeliest.added)
+            if named.windows.p_value < RESIDUAL_TEST_LEVEL:
+                label, p = self.problem.label(named.effect_parameters.effect), named.windows.p_value
+                return f"the best candidate, {label}, has a different size at different times (p = {p:.1g})"
+        if self._rejected:
+            best = max(self._rejected, key=lambda trial: trial.gain)
+            labels = " and ".join(self.problem.label(added.effect) for added in best.added_effects)
             return (
-                f"{labels} would explain {likeliest.gain:.0f} of -2 log L, where chance makes {self._by_chance:.0f}, "
-                f"and was refused: {likeliest.reason}"
+                f"{labels} would lower -2 log L by {best.gain:.0f}, where chance alone gives {self._chance_gain:.0f}, "
+                f"but was rejected: {best.reason}"
             )
-        if self._foretold_badly:
-            after, floor = self.gap.held_out_after, self.gap.floor
-            return f"{self._added}days held out are still missed by {after:.3g} K, where noise leaves {floor:.3g} K"
+        if self._predicts_held_out_badly:
+            after, floor = self.gap.held_out_after, self.gap.noise_floor
+            return (
+                f"{self._named_labels}the error on the days held out is still {after:.3g} K, "
+                f"where noise alone gives {floor:.3g} K"
+            )
         return ""
 
     @property
-    def _foretold_badly(self) -> bool:
-        """Whether the model leaves more on days held out than noise does, as far as its power is known."""
+    def _predicts_held_out_badly(self) -> bool:
+        """Whether the error on the days held out exceeds that of the noise, whose variance is uncertain."""
         held_out, noise = self.gap.held_out_after, self.after.noise
         if held_out is None:
             return False
-        return bool((held_out / self.gap.floor) ** 2 > _FORETOLD * np.exp(2.0 * noise.spread))
+        return bool((held_out / self.gap.noise_floor) ** 2 > _HELD_OUT_VARIANCE_RATIO * np.exp(2.0 * noise.spread))
 
     @property
-    def _by_chance(self) -> float:
-        """The gain that chance seldom makes beside the plain model."""
-        return self.screen.threshold(CHANCE)
+    def _chance_gain(self) -> float:
+        """The gain over the plain model that chance alone gives with probability `FIRST_EFFECT_LEVEL`."""
+        return self.scores.threshold(FIRST_EFFECT_LEVEL)
 
     @cached_property
-    def _refused(self) -> list[Trial]:
-        """What explains far more of the plain model's misfit than chance does, and may not stand all the same.
+    def _rejected(self) -> list[Trial]:
+        """The trials that gain far more than chance gives but were rejected; none where an effect was named.
 
-        It ended at a bound, or does not foretell days held out; an effect too small to report is no such thing.
-        Nothing once an effect was found.
+        They ended at a bound, or do not predict the days held out. Trials rejected as too small are not among them.
         """
         if self.effects:
             return []
@@ -193,119 +117,99 @@ class Diagnosis:
             for trial in self.trials
             if trial.reason
             and not trial.base.active
-            and trial.gain > _PLAIN_TO_SEE * self._by_chance
-            and (trial.fit.at_bound or not refusal(trial.fit))
+            and trial.gain > _CLEAR_GAIN_RATIO * self._chance_gain
+            and (trial.fit.at_bound or not reason_for_refusal(trial.fit))
         ]
 
     @property
-    def _added(self) -> str:
-        labels = " and ".join(self.study.label(named.slot.effect) for named in self.effects)
+    def _named_labels(self) -> str:
+        labels = " and ".join(self.problem.label(named.effect_parameters.effect) for named in self.effects)
         return f"beside {labels} " if labels else ""
 
     @cached_property
     def interval_95(self) -> tuple[float, float]:
-        """Of the diffusivity, m2/s: spanning every rival; widened where something unnamed is left."""
+        """95 % interval of the diffusivity, m2/s: spans all alternatives, wider where a model error remains."""
         low, high = self.after.interval_95
-        near = [fit for fit in self.rivals if any(slot in fit.active for slot in self._alternatives)]
-        ends = [low, high, *(end for fit in near for end in fit.interval_95)]
+        rivals = [fit for fit in self.rivals if any(effect in fit.active for effect in self._alternatives)]
+        ends = [low, high, *(end for fit in rivals for end in fit.interval_95)]
         low, high = min(ends), max(ends)
         if self.incomplete:
-            doubted = [end for trial in self._refused for end in trial.fit.interval_95]
-            low, high = min([low, *doubted]), max([high, *doubted])
-            # as if what is left were noise of that size
-            left = self.left_after
-            missed = max(self.gap.after, self.gap.held_out_after or 0.0)
-            wider = max(1.0, missed / self.gap.floor, np.sqrt(left.statistic / left.freedom))
+            rejected = [end for trial in self._rejected for end in trial.fit.interval_95]
+            low, high = min([low, *rejected]), max([high, *rejected])
+            # as if the remaining model error were noise of that size
+            tests, gap = self.residual_tests_after, self.gap
+            error = max(gap.after, gap.held_out_after or 0.0)
+            factor = max(1.0, error / gap.noise_floor, np.sqrt(tests.statistic / tests.degrees_of_freedom))
             centre = self.after.diffusivity
-            low, high = centre * (low / centre) ** wider, centre * (high / centre) ** wider
+            low, high = centre * (low / centre) ** factor, centre * (high / centre) ** factor
             plain = self.before.diffusivity
             low, high = min(low, plain), max(high, plain)
         return float(low), float(high)
 
     @property
     def _alternatives(self) -> list[EffectParameters]:
-        return [slot for named in self.effects for slot in named.alternatives]
+        return [effect_parameters for named in self.effects for effect_parameters in named.alternatives]
 
-    def smallest(self) -> dict[str, float]:
-        """The size of each effect that this record would have shown beside the plain model, in its unit."""
-        screen = self.screen
-        needed = np.sqrt(max(_CLEAR, screen.threshold(0.05)))
+    def smallest_detectable(self) -> dict[str, float]:
+        """The smallest size of each effect that this record would have shown, in its unit, by the effect's label."""
+        scores = self.scores
+        needed = np.sqrt(max(_DETECTABLE_GAIN, scores.threshold(0.05)))
         return {
-            self.study.label(slot.effect): float(needed / screen.norm[places].max())
-            for slot, places in screen.groups.items()
+            self.problem.label(effect_parameters.effect): float(needed / scores.norm[indices].max())
+            for effect_parameters, indices in scores.by_effect.items()
         }
 
     @cached_property
     def table(self) -> tuple[RankedEffect, ...]:
-        """Every effect of the library beside the plain model, the largest expected gain first."""
-        screen, study = self.screen, self.study
-        tried = {trial.added[0]: trial for trial in self.trials if len(trial.added) == 1 and not trial.base.active}
-        found = {named.slot: named for named in self.effects}
+        """Every effect of the library against the plain model, largest expected gain first."""
+        scores, problem = self.scores, self.problem
+        tried = {
+            trial.added_effects[0]: trial
+            for trial in self.trials
+            if len(trial.added_effects) == 1 and not trial.base.active
+        }
         rows = []
-        for place in screen.best(len(screen.groups)):
-            slot = screen.candidates[place].slot
-            trial = tried.get(slot)
-            rivals = _likenesses(screen, place)
+        for index in scores.best(len(scores.by_effect)):
+            effect_parameters = scores.candidates[index].effect_parameters
+            trial = tried.get(effect_parameters)
+            rivals = _similar_effects(scores, index)
             rows.append(
                 RankedEffect(
-                    slot,
-                    study.label(slot.effect),
-                    float(screen.gain[place]),
+                    effect_parameters,
+                    problem.label(effect_parameters.effect),
+                    float(scores.gain[index]),
                     None if trial is None else trial.gain,
-                    float(screen.size[place]),
-                    float(1.0 / screen.norm[place]),
-                    slot.effect.parameters[0].unit,
-                    float(np.expm1(screen.shift[place])),
-                    tuple(study.label(other.effect) for other in rivals),
-                    self._reason(slot, place, trial, found),
+                    float(scores.size[index]),
+                    float(1.0 / scores.norm[index]),
+                    effect_parameters.effect.parameters[0].unit,
+                    float(np.expm1(scores.shift[index])),
+                    tuple(problem.label(other.effect) for other in rivals),
+                    self._reason(effect_parameters, index, trial),
                 )
             )
         return tuple(rows)
 
-    def _reason(
-        self, slot: EffectParameters, place: int, trial: Trial | None, found: dict[EffectParameters, NamedEffect]
-    ) -> str:
-        """Why an effect is in or not, in a few words."""
-        taken = "the nearest known effect" if self.incomplete else "what is in the model"
-        if slot in found:
+    def _reason(self, effect_parameters: EffectParameters, index: int, trial: Trial | None) -> str:
+        """Why an effect is in the model or not."""
+        nearest = "the nearest known effect" if self.incomplete else "the effect in the model"
+        if effect_parameters in [named.effect_parameters for named in self.effects]:
             return "the nearest known effect, refused" if self.incomplete else "in the model"
-        if any(slot is other for named in self.effects for other in named.alternatives):
-            return f"cannot be told from {taken}"
+        if effect_parameters in self._alternatives:
+            return f"cannot be distinguished from {nearest}"
         if trial is not None and trial.reason:
             return trial.reason
-        if self.screen.gain[place] == 0.0:
-            return "its size would have the wrong sign"
-        if self.screen.p_value(self.screen.gain[place]) > CHANCE:
-            return "no more than chance makes"
+        if self.scores.gain[index] == 0.0:
+            return "its size has the wrong sign"
+        if self.scores.p_value(self.scores.gain[index]) > FIRST_EFFECT_LEVEL:
+            return "no more than chance alone gives"
         if not self.effects:
-            return "does not explain what is left"
-        return f"explained by {taken}"
-
-    @property
-    def sentence(self) -> str:
-        """The verdict in one sentence."""
-        return sentence(self)
-
-    def __str__(self) -> str:
-        return summary(self)
-
-    def result(self) -> dict[str, Any]:
-        """The part of result.json that is the diagnosis."""
-        return result(self)
+            return "does not explain the residual"
+        return f"explained by {nearest}"
 
 
-def _likenesses(screen: Screen, place: int) -> list[EffectParameters]:
-    """The other effects whose derivative is nearly that of a candidate, the likest first."""
-    likeness = np.abs(screen.cosine[place])
-    own = screen.candidates[place].slot
-    found: dict[EffectParameters, float] = {}
-    for other in np.argsort(-likeness):
-        slot = screen.candidates[other].slot
-        if likeness[other] < _ALIKE:
-            break
-        if slot is not own and slot not in found:
-            found[slot] = float(likeness[other])
-    return list(found)
-
-
-__all__ = ["Diagnosis", "NamedEffect", "RankedEffect", "Trial"]
+def _similar_effects(scores: CandidateScores, index: int) -> list[EffectParameters]:
+    """The other effects whose derivative is nearly parallel to that of a candidate, most similar first."""
+    cosine = np.abs(scores.cosine[index])
+    similar = [k for k in np.argsort(-cosine) if cosine[k] >= _SIMILAR_COSINE]
+    effects = dict.fromkeys(scores.candidates[k].effect_parameters for k in similar)
+    return [effect for effect in effects if effect is not scores.candidates[index].effect_parameters]

@@ -1,71 +1,73 @@
-"""A case as the search for a missing effect sees it: what each parameter is, how far it may go, which are free.
+"""A case prepared for the diagnosis: its model, readings, parameters, priors and bounds.
 
-The parameters are the diffusivity, what is free beside it (sine modes of the initial profile, position
-errors and offsets within what the case says of its sensors, each with its prior), and those of every effect of the
-library. An effect is in when its parameters are among those that a fit may move; the others keep their neutral
-values.
+The parameter vector holds ln(alpha / prior), the nuisance parameters with their priors (amplitudes of the initial
+profile, position errors and offsets of the sensors) and the parameters of every effect of the library. A model
+contains an effect where the parameters of the effect are estimated; otherwise they keep their neutral values.
 """
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
-from threading import Lock
 
 import numpy as np
-import scipy
 
 from .._internal.arrays import on_device
 from .._internal.errors import InputError
-from .._internal.units import DAY
 from ..case.case_definition import Case
 from ..case.initial_profile import PROFILE_MODES
-from ..case.time_window import diagnosed
+from ..case.time_window import diagnosis_window
 from ..case.wall_and_sensors import SIDES
 from ..inference.noise_covariance import MOST_READINGS, Bins
-from ..models.finite_volume_wall import wall_cells
 from ..models.state_space import require_x64
 from ..records.uniform_record import Record
-from .effects.base import AbstractEffect
+from .effects.base import AbstractEffect, Parameter
 from .effects.catalogue import library
-from .effects.equation_terms import ForcingData
 from .effects.heat_sources import AIRS
-from .effects.search_range import Search, record_search
-from .forward.time_stepping import LONGEST_SUBSTEP
-from .model_with_effects import ModelWithEffects, first_order_columns, impulses, linearise
-
-_NODES = 61
+from .effects.search_range import SearchRange, search_range_of_record
+from .forward.time_stepping import MAX_SUBSTEP
+from .model_with_effects import ModelWithEffects
+from .record_forcing import forcing_of_record
 
 
 @dataclass(frozen=True, eq=False)
 class EffectParameters:
-    """Where an effect's parameters stand in the vector."""
+    """An effect and the indices of its parameters in the parameter vector.
+
+    Args:
+        effect: the effect.
+        size_index: index of its first parameter, the size.
+    """
 
     effect: AbstractEffect
-    first: int
+    size_index: int
 
     @property
     def indices(self) -> range:
-        """Of all its parameters; the first is the size."""
-        return range(self.first, self.first + len(self.effect.parameters))
+        """Indices of all its parameters; the first is the size."""
+        return range(self.size_index, self.size_index + len(self.effect.parameters))
 
     def values(self, theta: np.ndarray) -> dict[str, float]:
-        """Its parameters in a vector, by their names."""
-        return {
-            parameter.name: float(theta[i]) for parameter, i in zip(self.effect.parameters, self.indices, strict=True)
-        }
+        """The values of its parameters in a parameter vector, by their names."""
+        return {parameter.name: float(theta[i]) for i, parameter in self.indexed_parameters}
+
+    @property
+    def indexed_parameters(self) -> list[tuple[int, Parameter]]:
+        """Each of its parameters with its index."""
+        return list(zip(self.indices, self.effect.parameters, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
 class DiagnosisProblem:
-    """A case prepared for the search.
+    """A case prepared for the diagnosis.
 
     Args:
+        case: the case.
         record: the rows used.
-        model: the wall with the whole library in. bins: the readings.
-        slots: the library, in the vector's order. search: where and when to look.
+        model: the wall with all effects of the library.
+        bins: the readings, averaged over bins of rows.
+        library: the effects with the indices of their parameters, in the order of the parameter vector.
+        search_range: ranges of the positions, times and temperatures of effects.
     """
 
     case: Case
@@ -73,253 +75,176 @@ class DiagnosisProblem:
     model: ModelWithEffects = field(repr=False)
     bins: Bins = field(repr=False)
     library: tuple[EffectParameters, ...] = field(repr=False)
-    search: Search
+    search_range: SearchRange
 
     @property
-    def sensors(self) -> int:
-        """How many inner sensors."""
-        return self.model.sensors
+    def sensor_count(self) -> int:
+        """Number of inner sensors."""
+        return self.model.sensor_count
 
     @property
-    def size(self) -> int:
-        """The number of parameters in the vector."""
+    def parameter_count(self) -> int:
+        """Length of the parameter vector."""
         return self.library[-1].indices.stop
 
     def binned(self, values: np.ndarray) -> np.ndarray:
-        """The means of values at the rows over each bin's readings; 0 in an empty bin."""
+        """Means over the readings of each bin, sensor by sensor, `(reading,)`; 0 in an empty bin.
+
+        Args:
+            values: at the rows, `(time, sensor)`.
+        """
         present = np.asarray(self.bins.present) > 0
         short = -len(values) % self.bins.rows
         padded = np.pad(np.where(present, values, 0.0), ((0, short), (0, 0)))
-        total = padded.reshape(-1, self.bins.rows, self.sensors).sum(axis=1)
+        total = padded.reshape(-1, self.bins.rows, self.sensor_count).sum(axis=1)
         return (total / np.maximum(np.asarray(self.bins.counts()), 1.0)).T.reshape(-1)
 
     @cached_property
     def profile(self) -> range:
-        """Of the initial profile's amplitudes."""
+        """Indices of the amplitudes of the initial profile, K."""
         return range(1, 1 + PROFILE_MODES)
 
     @cached_property
     def positions(self) -> range:
-        """Of the position errors."""
-        return range(self.profile.stop, self.profile.stop + self.sensors)
+        """Indices of the position errors of the inner sensors, m."""
+        return range(self.profile.stop, self.profile.stop + self.sensor_count)
 
     @cached_property
     def offsets(self) -> range:
-        """Of the offsets."""
-        return range(self.positions.stop, self.positions.stop + self.sensors)
+        """Indices of the offsets of the inner sensors, K."""
+        return range(self.positions.stop, self.positions.stop + self.sensor_count)
 
     @cached_property
-    def depths(self) -> range:
-        """Of the places of the faces' sensors, m inside the wall."""
+    def face_positions(self) -> range:
+        """Indices of the depths of the two face sensors inside the wall, m."""
         return range(self.offsets.stop, self.offsets.stop + len(SIDES))
 
     @cached_property
-    def prior_width(self) -> np.ndarray:
-        """Each parameter's prior width; infinite where there is none."""
-        width = np.full(self.size, np.inf)
-        span = max(1.0, self.search.warmest - self.search.coldest)
-        width[self.profile] = span / np.arange(1, PROFILE_MODES + 1)
+    def prior_std(self) -> np.ndarray:
+        """Prior standard deviation of each parameter; infinite where there is no prior."""
+        std = np.full(self.parameter_count, np.inf)
+        span = max(1.0, self.search_range.warmest - self.search_range.coldest)
+        std[self.profile] = span / np.arange(1, PROFILE_MODES + 1)
         for s, sensor in enumerate(self.case.sensors):
-            width[self.positions[s]] = sensor.position_std
-            width[self.offsets[s]] = sensor.offset_std
-        width[self.depths] = self.record.face_position_std
-        return width
+            std[self.positions[s]] = sensor.position_std
+            std[self.offsets[s]] = sensor.offset_std
+        std[self.face_positions] = self.record.face_position_std
+        return std
 
     @cached_property
     def scale(self) -> np.ndarray:
-        """A typical size of each parameter."""
-        scale = np.where(np.isfinite(self.prior_width), self.prior_width, 0.1)
-        for slot in self.library:
-            scale[list(slot.indices)] = [p.scale for p in slot.effect.parameters]
+        """Typical magnitude of each parameter."""
+        scale = np.where(np.isfinite(self.prior_std), self.prior_std, 0.1)
+        for effect_parameters in self.library:
+            scale[list(effect_parameters.indices)] = [p.scale for p in effect_parameters.effect.parameters]
         return scale
 
     @cached_property
-    def limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """Between which values each parameter is searched."""
-        low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
-        for slot in self.library:
-            for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True):
-                low[index], high[index] = slot.effect.bounds(parameter, self.search)
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of each parameter, `(param,)` each."""
+        low, high = np.full(self.parameter_count, -np.inf), np.full(self.parameter_count, np.inf)
+        for effect_parameters in self.library:
+            for index, parameter in effect_parameters.indexed_parameters:
+                low[index], high[index] = effect_parameters.effect.bounds(parameter, self.search_range)
         return low, high
 
     @cached_property
     def neutral(self) -> np.ndarray:
-        """The plain model's parameters at the prior diffusivity; places and times are where the scan begins."""
-        theta = np.zeros(self.size)
-        for slot in self.library:
-            first = next(iter(slot.effect.scan(self.search)), {})
-            for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True):
+        """Parameters of the plain model at the prior diffusivity; the first grid point of each effect."""
+        theta = np.zeros(self.parameter_count)
+        for effect_parameters in self.library:
+            first = next(iter(effect_parameters.effect.scan(self.search_range)), {})
+            for index, parameter in effect_parameters.indexed_parameters:
                 if not parameter.is_size:
-                    default = float(getattr(slot.effect, parameter.name))
+                    default = float(getattr(effect_parameters.effect, parameter.name))
                     theta[index] = first.get(parameter.name, default)
         return theta
 
-    def replaced(self, active: tuple[EffectParameters, ...]) -> list[tuple[int, EffectParameters]]:
-        """The errors within a sensor's accuracy that an effect stands for without a prior, by index."""
-        kinds = {"sensor_position": self.positions, "sensor_offset": self.offsets, "face_depth": self.depths}
-        found = []
-        for slot in active:
-            target = slot.effect.target
-            place = SIDES.index(target) if target in SIDES else target
-            if slot.effect.name in kinds and isinstance(place, int):
-                found.append((kinds[slot.effect.name][place], slot))
-        return found
+    def errors_replaced_by_effects(self, active: tuple[EffectParameters, ...]) -> list[tuple[int, EffectParameters]]:
+        """Indices of the sensor errors with a prior that an effect replaces without one, each with the effect."""
+        kinds = {"sensor_position": self.positions, "sensor_offset": self.offsets, "face_depth": self.face_positions}
+        replaced = []
+        for effect_parameters in active:
+            target = effect_parameters.effect.target
+            index = SIDES.index(target) if target in SIDES else target
+            if effect_parameters.effect.name in kinds and isinstance(index, int):
+                replaced.append((kinds[effect_parameters.effect.name][index], effect_parameters))
+        return replaced
 
-    def free(self, active: tuple[EffectParameters, ...]) -> list[int]:
-        """What a fit with these effects moves: an error with a prior only where no effect stands for it."""
-        replaced = {error for error, _ in self.replaced(active)}
-        errors = [*self.positions, *self.offsets, *self.depths]
-        found = [0, *self.profile, *(i for i in errors if self.prior_width[i] > 0 and i not in replaced)]
-        return [*found, *(index for slot in active for index in slot.indices)]
+    def estimated_indices(self, active: tuple[EffectParameters, ...]) -> list[int]:
+        """Indices of the parameters that a fit with these effects estimates."""
+        replaced = {error for error, _ in self.errors_replaced_by_effects(active)}
+        errors = [*self.positions, *self.offsets, *self.face_positions]
+        plain = [0, *self.profile, *(i for i in errors if self.prior_std[i] > 0 and i not in replaced)]
+        return [*plain, *(index for effect_parameters in active for index in effect_parameters.indices)]
 
     @cached_property
-    def most_free(self) -> int:
-        """How many parameters the compiled fit can move: three effects with places fit in."""
-        return len(self.free(())) + 8
+    def max_estimated(self) -> int:
+        """Largest number of estimated parameters of the compiled fit: eight for the effects."""
+        return len(self.estimated_indices(())) + 8
 
     def is_linear(self, active: tuple[EffectParameters, ...]) -> bool:
-        """Whether the wall stays linear and constant in time with these effects."""
-        return all(slot.effect.linear for slot in active)
+        """Whether the wall with these effects is linear and constant in time."""
+        return all(effect_parameters.effect.linear for effect_parameters in active)
 
     def target_name(self, effect: AbstractEffect) -> str | None:
-        """An effect's target as result.json says it."""
+        """The target of an effect as in result.json."""
         target = effect.target
         return self.case.sensors[target].name if isinstance(target, int) else target
 
     def label(self, effect: AbstractEffect) -> str:
-        """An effect and its target in words."""
+        """The effect and its target as text."""
         target = self.target_name(effect)
-        words = effect.name.replace("_", " ")
-        words = f"{words} ({effect.variant})" if effect.variant else words
+        text = effect.name.replace("_", " ")
+        text = f"{text} ({effect.variant})" if effect.variant else text
         if effect.name.startswith("face_"):
-            return f"{words.removeprefix('face ')} of the {target} face"
+            return f"{text.removeprefix('face ')} of the {target} face"
         if target in SIDES:
-            return f"{words} of the {target} face"
+            return f"{text} of the {target} face"
         if target in AIRS:
-            return f"{words} to {target} air"
-        return words if target is None else f"{words} of {target}"
+            return f"{text} to {target} air"
+        return text if target is None else f"{text} of {target}"
 
 
 def diagnosis_problem(case: Case) -> DiagnosisProblem:
-    """Prepare a case for the search.
+    """Prepare a case for the diagnosis.
+
+    Args:
+        case: the case; the rows used are the entire record, or `[choices] diagnose_days`.
+
+    Returns:
+        The model with all effects, the readings, and the parameters with their priors and bounds.
 
     Raises:
-        InputError: no inner sensor, or no reading in the rows used.
+        InputError: the case has no inner sensor, or no inner sensor has a reading in the rows used.
         RuntimeError: 64-bit floats are switched off.
     """
     require_x64()
     if not case.sensors:
-        raise InputError(
-            f"{case.path}: no [[sensor]]: what is missing shows in a temperature inside the wall; add a sensor"
-        )
-    record = _rows_used(case)
+        raise InputError(f"{case.path}: no [[sensor]]: a diagnosis needs a temperature inside the wall; add a sensor")
+    window = diagnosis_window(case)
+    record = case.record.window(window.row, window.rows)
     present = np.isfinite(record.sensors)
     if not present.any():
         raise InputError(f"{case.record.file}: no inner sensor has a reading in the rows used")
     sensors = len(case.sensors)
     positions = tuple(sensor.position for sensor in case.sensors)
-    search = record_search(record, positions, case.wall.length)
+    search_range = search_range_of_record(record, positions, case.wall.length)
     effects = library(sensors, record.regressors)
     model = ModelWithEffects(
-        forcing=_campaign(case, record),
+        forcing=forcing_of_record(case, record),
         effects=effects,
         log_prior=on_device(np.log(case.wall.diffusivity_prior)),
-        sensors=sensors,
-        substeps=max(1, int(np.ceil(record.step / LONGEST_SUBSTEP))),
+        sensor_count=sensors,
+        substeps=max(1, int(np.ceil(record.step / MAX_SUBSTEP))),
     )
     bins = Bins(
         observed=on_device(np.where(present, record.sensors, 0.0)),
         present=on_device(present.astype(float)),
         rows=max(1, int(np.ceil(record.rows * sensors / MOST_READINGS))),
     )
-    slots, first = [], 1 + PROFILE_MODES + 2 * sensors + len(SIDES)
+    entries, index = [], 1 + PROFILE_MODES + 2 * sensors + len(SIDES)
     for effect in effects:
-        slots.append(EffectParameters(effect, first))
-        first += len(effect.parameters)
-    return DiagnosisProblem(case, record, model, bins, tuple(slots), search)
-
-
-def _rows_used(case: Case) -> Record:
-    window = diagnosed(case)
-    return case.record.window(window.row, window.rows)
-
-
-def _campaign(case: Case, record: Record) -> ForcingData:
-    """The record between its rows, and the wall's cells."""
-    rows = np.arange(record.rows)
-
-    def cubic(values: np.ndarray) -> np.ndarray:
-        there = np.isfinite(values)
-        held = np.interp(rows, rows[there], values[there]) if not there.all() else values
-        return scipy.interpolate.PchipInterpolator(rows, held).c[::-1].T  # powers of s, (interval, power)
-
-    zeros = np.zeros(record.rows)
-
-    def logged(key: str) -> np.ndarray:
-        values = record.regressors.get(key)
-        return cubic(zeros if values is None or not np.isfinite(values).any() else values)
-
-    heating = record.regressors.get("heating", zeros)
-    largest = np.nanmax(np.abs(heating)) if np.isfinite(heating).any() else 0.0
-    places, resistance, capacity = (case.wall.length * part for part in wall_cells(case.wall, _NODES))
-    everything = np.concatenate([record.faces.ravel(), record.sensors.ravel()])
-    return ForcingData(
-        step=on_device(record.step),
-        faces=on_device(np.stack([cubic(record.faces[:, side]) for side in (0, 1)], axis=-1)),
-        irradiance=on_device(logged("irradiance")),
-        outdoor=on_device(logged("air_outdoor")),
-        indoor=on_device(logged("air_indoor")),
-        heating=on_device(logged("heating") / (largest or 1.0)),
-        hour=on_device(_hours(record)[:-1]),
-        start_profile=on_device(record.faces[0]),
-        reference=on_device(np.nanmean(everything)),
-        places=on_device(places),
-        resistance=on_device(resistance),
-        capacity=on_device(capacity),
-        position=on_device(np.array([sensor.position for sensor in case.sensors])),
-        length=on_device(case.wall.length),
-    )
-
-
-def _hours(record: Record) -> np.ndarray:
-    """Hour of the day of each row, by the record's own clock; since the first row where it has only seconds."""
-    stamps = record.stamps
-    if np.issubdtype(stamps.dtype, np.datetime64):
-        since = (stamps - stamps.astype("datetime64[D]")) / np.timedelta64(1, "s")
-        return np.asarray(since, float) / 3600.0
-    return np.mod(np.asarray(stamps, float), DAY) / 3600.0
-
-
-_compiled: set[tuple[object, ...]] = set()
-_compiling = Lock()
-
-
-def compile_together(study: DiagnosisProblem) -> None:
-    """Compile what every search needs side by side: a person waits for the sum otherwise.
-
-    Does nothing where records of this shape have been searched before, and waits where that has just begun.
-    """
-    with _compiling:
-        _compile(study)
-
-
-def _compile(study: DiagnosisProblem) -> None:
-    shape = (
-        study.record.rows,
-        study.sensors,
-        study.model.substeps,
-        tuple(type(s.effect) for s in study.library),
-    )
-    if shape in _compiled:
-        return
-    theta = study.neutral
-    none = np.zeros((study.most_free, study.size))
-    work = (
-        lambda: linearise(study.model, study.bins, theta, none, linear=True),
-        lambda: first_order_columns(study.model, study.bins, theta, theta[None], none[:1]),
-        lambda: impulses(study.model, theta),
-    )
-    with ThreadPoolExecutor(min(len(work), os.cpu_count() or 1)) as pool:
-        for done in [pool.submit(one) for one in work]:
-            done.result()
-    _compiled.add(shape)
+        entries.append(EffectParameters(effect, index))
+        index += len(effect.parameters)
+    return DiagnosisProblem(case, record, model, bins, tuple(entries), search_range)

@@ -1,4 +1,4 @@
-"""The noise beside a search for effects: the covariance of `wallid.noise`, with this study's response to the faces."""
+"""The noise covariance of a diagnosis problem, with the face response of its model."""
 
 from __future__ import annotations
 
@@ -8,26 +8,36 @@ from ..inference import noise_covariance as noise
 from ..inference import whittle_likelihood as whittle
 from ..inference.gap_covariance import gap_errors
 from ..inference.noise_covariance import Noise
-from .model_with_effects import impulses
+from .model_with_effects import face_impulse_response
 from .problem import DiagnosisProblem
 
-__all__ = ["Noise", "NoiseModel", "estimate_noise"]
+__all__ = ["DiagnosisNoiseShape", "Noise", "estimate_noise"]
 
 
-class NoiseModel(noise.NoiseShape):
-    """The covariance's shape at some parameters of a study."""
+class DiagnosisNoiseShape(noise.NoiseShape):
+    """The structure of the noise covariance at some parameters.
 
-    def __init__(self, study: DiagnosisProblem, theta: np.ndarray):
-        sensor_std = np.array([sensor.noise_std for sensor in study.case.sensors])
-        face_std = study.record.boundary_noise_std
-        response = impulses(study.model, theta)
-        gaps = gap_errors(study.record.fill_std, face_std, response, study.bins)
-        super().__init__(response, study.bins, sensor_std, face_std, gaps)
+    Args:
+        problem: the case prepared for the search.
+        theta: parameters at which the face response is computed, `(param,)`.
+    """
+
+    def __init__(self, problem: DiagnosisProblem, theta: np.ndarray):
+        sensor_std = np.array([sensor.noise_std for sensor in problem.case.sensors])
+        face_std = problem.record.boundary_noise_std
+        response = face_impulse_response(problem.model, theta)
+        gaps = gap_errors(problem.record.fill_std, face_std, response, problem.bins)
+        super().__init__(response, problem.bins, sensor_std, face_std, gaps)
 
 
-def estimate_noise(model: NoiseModel, residual: np.ndarray, directions: np.ndarray) -> Noise:
-    """The noise that a residual shows beside these directions, without the record's two ends.
+def estimate_noise(model: DiagnosisNoiseShape, residual: np.ndarray, directions: np.ndarray) -> Noise:
+    """Estimate the noise from a residual, orthogonally to some directions.
 
-    The bars that an effect has to pass were set without them.
+    The edges of the record are not used: the significance levels were calibrated without them.
+
+    Args:
+        model: structure of the covariance.
+        residual: of the binned readings, K, `(reading,)`.
+        directions: excluded from the estimate, K, `(direction, reading)`.
     """
     return whittle.estimate_noise(model, residual, directions, edges=False)

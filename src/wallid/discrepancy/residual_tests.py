@@ -1,4 +1,4 @@
-"""Locate: where and when a model and the readings part, and whether anything is left beside the noise."""
+"""Tests of the residual of a fit: its distribution over sensors, hours and days, and omnibus tests against noise."""
 
 from __future__ import annotations
 
@@ -9,109 +9,118 @@ import scipy
 from numpy.polynomial.hermite_e import hermegauss
 
 from .._internal.units import DAY
-from .effect_fit import Fit
+from .effect_fit import EffectFit
 
-_SLOW = 10  # cosines over the record, per sensor
-_MODULATIONS = 6  # of the diffusivity's sensitivity, per sensor
-_FASTEST = 1.0  # cycles a day: modulations of the diffusivity for all sensors at once
+_SLOW = 10  # slow cosines over the record, per sensor
+_MODULATIONS = 6  # slow modulations of the sensitivity to ln(alpha), per sensor
+_MAX_FREQUENCY = 1.0  # cycles per day, of the modulations common to all sensors
 _DAILY = (1, 2)  # harmonics of the day, per sensor
-_RANK = 1e-3
-_NODES = 40  # of the Gauss-Hermite rule over the noise's power
+_RANK_TOLERANCE = 1e-3  # relative singular value below which a direction is dropped
+_NODES = 40  # of the Gauss-Hermite rule over the noise variance
 
 
 @dataclass(frozen=True, eq=False)
 class ResidualTests:
-    """What a fitted model leaves.
+    """Tests of the residual of a fit.
 
     Args:
-        by_sensor: root mean square, K, per sensor. by_hour: mean per sensor and hour of the day, K.
-        by_day: root mean square per sensor and day, K.
-        statistic, freedom: of the omnibus test that tells most: the squared length of the whitened residual in
-            some directions, chi-square where nothing is missing and the noise's power is known.
-        p_value: of the tests together, as far as the record leaves that power open.
-        smooth: the part of the residual in all their directions, orthogonal to what is free, K, `(bin, sensor)`.
+        by_sensor: root mean square, K, by name of the sensor.
+        by_hour: mean, K, `(hour of the day, sensor)`.
+        by_day: root mean square, K, `(day, sensor)`.
+        statistic: squared length of the whitened residual in the directions of the omnibus test with the smaller
+            p-value; chi-square distributed for a true model and known noise variance.
+        degrees_of_freedom: of that test.
+        p_value: of both omnibus tests together, with the uncertainty of the noise variance.
+        smooth_residual: the part of the residual in all directions of the tests, orthogonal to the estimated
+            parameters, K, `(bin, sensor)`.
     """
 
     by_sensor: dict[str, float]
     by_hour: np.ndarray = field(repr=False)
     by_day: np.ndarray = field(repr=False)
     statistic: float
-    freedom: int
+    degrees_of_freedom: int
     p_value: float
-    smooth: np.ndarray = field(repr=False)
+    smooth_residual: np.ndarray = field(repr=False)
 
 
-def test_residual(fit: Fit) -> ResidualTests:
-    """Where the remainder of a fit sits, and whether it is more than noise.
+def run_residual_tests(fit: EffectFit) -> ResidualTests:
+    """The distribution of the residual of a fit, and whether it exceeds the noise.
 
-    The omnibus tests look along directions that no effect need have named; what the fit's free parameters explain
-    is taken out of them first. Some 60: slow cosines, the day and its half, and the diffusivity's own sensitivity
-    modulated in time, each for every sensor by itself. And two a day: that sensitivity modulated by up to a
-    cycle a day, for all sensors at once, as far as the others have not seen it. The smaller p-value of the two
-    independent tests counts, as the smaller of two.
+    Two omnibus tests project the residual on directions that do not depend on any effect and are orthogonal to the
+    estimated parameters. The first has about 60 directions: slow cosines, harmonics of the day, and the slowly
+    modulated sensitivity to ln(alpha), each per sensor. The second has two directions per day of record: the
+    sensitivity modulated with up to one cycle per day, for all sensors at once, orthogonal to the first. The
+    smaller p-value p of the two independent tests gives `1 - (1 - p)^2`.
     """
-    record, rest = fit.study.record, fit.residual_at_rows
-    names = [sensor.name for sensor in fit.study.case.sensors]
-    hours = np.asarray(fit.study.model.forcing.hour)
+    record, residual = fit.problem.record, fit.residual_at_rows
+    names = [sensor.name for sensor in fit.problem.case.sensors]
+    hours = np.asarray(fit.problem.model.forcing.hour)
     hours = np.concatenate([hours, [(hours[-1] + record.step / 3600.0) % 24]]).astype(int) % 24
     days = (record.time // DAY).astype(int)
     with np.errstate(invalid="ignore", divide="ignore"):
-        by_hour = np.stack([_mean(rest[hours == hour]) for hour in range(24)])
-        by_day = np.sqrt(np.stack([_mean(rest[days == day] ** 2) for day in range(days[-1] + 1)]))
-        by_sensor = dict(zip(names, np.sqrt(_mean(rest**2)).tolist(), strict=True))
+        by_hour = np.stack([_mean(residual[hours == hour]) for hour in range(24)])
+        by_day = np.sqrt(np.stack([_mean(residual[days == day] ** 2) for day in range(days[-1] + 1)]))
+        by_sensor = dict(zip(names, np.sqrt(_mean(residual**2)).tolist(), strict=True))
     tests, bases = [], []
-    for shapes in omnibus_directions(fit):
-        basis = _beside(fit, shapes, bases)
-        along = basis.T @ fit.residual
-        statistic, freedom = float(along @ along), basis.shape[1]
-        tests.append((chance(statistic, freedom, fit.noise.spread), statistic, freedom))
+    for directions in omnibus_directions(fit):
+        basis = _orthogonal_basis(fit, directions, bases)
+        projection = basis.T @ fit.residual
+        statistic, freedom = float(projection @ projection), basis.shape[1]
+        tests.append((chi_square_p_value(statistic, freedom, fit.noise.spread), statistic, freedom))
         bases.append(basis)
-    least, statistic, freedom = min(tests)
-    together = -np.expm1(len(tests) * np.log1p(-min(least, 1.0 - 1e-16)))
+    smallest, statistic, freedom = min(tests)
+    p_value = -np.expm1(len(tests) * np.log1p(-min(smallest, 1.0 - 1e-16)))
     white = np.sum([basis @ (basis.T @ fit.residual) for basis in bases], axis=0)[: len(fit.noise.whiten)]
-    smooth = scipy.linalg.solve_triangular(fit.noise.whiten, white, lower=True).reshape(fit.study.sensors, -1).T
-    return ResidualTests(by_sensor, by_hour, by_day, statistic, freedom, float(together), smooth)
+    smooth = scipy.linalg.solve_triangular(fit.noise.whiten, white, lower=True).reshape(fit.problem.sensor_count, -1).T
+    return ResidualTests(by_sensor, by_hour, by_day, statistic, freedom, float(p_value), smooth)
 
 
-def chance(statistic: float, freedom: int, spread: float) -> float:
-    """How often `exp(spread z) chi^2` passes a value, z standard normal: chi-square in noise of uncertain power."""
+def chi_square_p_value(statistic: float, freedom: int, spread: float) -> float:
+    """Probability that `exp(spread z) chi^2` exceeds a statistic, z standard normal.
+
+    Args:
+        statistic: the observed value.
+        freedom: degrees of freedom of the chi-square.
+        spread: standard deviation of the logarithm of the noise variance.
+    """
     node, weight = hermegauss(_NODES)
     return float(weight @ scipy.special.chdtrc(freedom, statistic * np.exp(-spread * node)) / weight.sum())
 
 
 def _mean(values: np.ndarray) -> np.ndarray:
-    """Of each column's values that are there; NaN where there is none."""
-    there = np.isfinite(values)
-    return np.where(there, values, 0.0).sum(axis=0) / there.sum(axis=0)
+    """Mean of the finite values of each column; NaN where there is none."""
+    present = np.isfinite(values)
+    return np.where(present, values, 0.0).sum(axis=0) / present.sum(axis=0)
 
 
-def omnibus_directions(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
-    """Shapes of the binned readings in which the omnibus tests look, K, `(direction, reading)` each."""
-    study, sensors = fit.study, fit.study.sensors
-    sensitivity = fit.in_kelvin()[0][:, 0].reshape(sensors, -1)  # to ln(diffusivity)
+def omnibus_directions(fit: EffectFit) -> tuple[np.ndarray, np.ndarray]:
+    """The directions of the two omnibus tests in the binned readings, K, `(direction, reading)` each."""
+    problem, sensors = fit.problem, fit.problem.sensor_count
+    sensitivity = fit.unwhitened()[0][:, 0].reshape(sensors, -1)  # to ln(diffusivity)
     bins = sensitivity.shape[1]
     middle = (np.arange(bins) + 0.5) / bins
-    days = middle * bins * study.bins.rows * study.record.step / DAY
+    days = middle * bins * problem.bins.rows * problem.record.step / DAY
     slow = [np.cos(np.pi * k * middle) for k in range(_SLOW)]
-    daily = [wave(2 * np.pi * k * days) for k in _DAILY for wave in (np.cos, np.sin)]
-    own = [np.kron(np.eye(sensors)[s], course) for course in (*slow, *daily) for s in range(sensors)]
-    own += [
+    daily = [harmonic(2 * np.pi * k * days) for k in _DAILY for harmonic in (np.cos, np.sin)]
+    per_sensor = [np.kron(np.eye(sensors)[s], signal) for signal in (*slow, *daily) for s in range(sensors)]
+    per_sensor += [
         np.kron(np.eye(sensors)[s], sensitivity[s] * np.cos(np.pi * k * middle))
         for s in range(sensors)
         for k in range(_MODULATIONS)
     ]
-    half_cycles = max(2, int(2 * _FASTEST * days[-1]))
-    together = [(sensitivity * np.cos(np.pi * k * middle)).ravel() for k in range(1, half_cycles + 1)]
-    return np.array(own), np.array(together)
+    half_cycles = max(2, int(2 * _MAX_FREQUENCY * days[-1]))
+    common = [(sensitivity * np.cos(np.pi * k * middle)).ravel() for k in range(1, half_cycles + 1)]
+    return np.array(per_sensor), np.array(common)
 
 
-def _beside(fit: Fit, shapes: np.ndarray, taken: list[np.ndarray]) -> np.ndarray:
-    """An orthonormal basis of whitened shapes beside the free parameters and other bases, `(residual, direction)`."""
-    rows = shapes @ fit.noise.whiten.T
+def _orthogonal_basis(fit: EffectFit, directions: np.ndarray, others: list[np.ndarray]) -> np.ndarray:
+    """Orthonormal basis of whitened directions, orthogonal to the Jacobian and other bases, `(residual, direction)`."""
+    rows = directions @ fit.noise.whiten.T
     rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
     padded = np.pad(rows, ((0, 0), (0, fit.jacobian.shape[0] - rows.shape[1])))
     scale = np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300)
-    Q, _ = np.linalg.qr(np.concatenate([fit.jacobian / scale, *taken], axis=1))
-    left = padded - (padded @ Q) @ Q.T
-    u, value, _ = np.linalg.svd(left.T, full_matrices=False)
-    return u[:, value > _RANK * value[0]]
+    Q, _ = np.linalg.qr(np.concatenate([fit.jacobian / scale, *others], axis=1))
+    orthogonal = padded - (padded @ Q) @ Q.T
+    u, value, _ = np.linalg.svd(orthogonal.T, full_matrices=False)
+    return u[:, value > _RANK_TOLERANCE * value[0]]

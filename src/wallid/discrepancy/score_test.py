@@ -1,14 +1,13 @@
-"""Rank: what each effect of the library, and each pair of them, would explain, from one derivative each.
+"""Score test of every effect of the library, and of every pair, against a fitted model.
 
-With W the whitening of the noise, `r = W (y - f)`, `W J = Q R` for what is already free (its priors as
-further rows), and `z = (I - Q Q') W df/dphi` of an effect's size::
+With W the whitening matrix of the noise, `r = W (y - f)`, `W J = Q R` for the estimated parameters (with their
+priors as further rows), and `z = (I - Q Q') W df/dphi` for the size phi of an effect::
 
     expected drop of -2 log L = (z'r)^2 / z'z,      expected size = z'r / z'z
 
-and for a pair with normalised scores s_i, s_j and cosine c: `(s_i^2 + s_j^2 - 2 c s_i s_j) / (1 - c^2)`. Under
-a model from which nothing is missing the scores are normal with the cosines as covariance: draws of them
-give the largest score that chance alone makes in the whole library. Each draw has a noise of its own, as far as
-the record leaves its power open.
+For a pair with normalised scores s_i, s_j and cosine c the drop is `(s_i^2 + s_j^2 - 2 c s_i s_j) / (1 - c^2)`. If
+the model is true, the scores are normal with the cosines as covariance. Random draws of them give the distribution
+of the largest score in the entire library. The noise variance differs between draws by its uncertainty.
 
 Source: C. R. Rao, Proc. Camb. Phil. Soc. 44 (1948), 50 (the score test).
 """
@@ -20,55 +19,59 @@ from functools import cached_property
 
 import numpy as np
 
-from .acceptance import price
-from .effect_fit import Fit
+from .acceptance import bic_penalty
+from .effect_fit import EffectFit
 from .model_with_effects import first_order_columns
 from .problem import DiagnosisProblem, EffectParameters
 
 DRAWS = 2000
 _PAIR_DRAWS = 200
-_COLLINEAR = 1e-3  # 1 - cosine^2 under which two effects are one to this record
-_FAR = 0.15  # of ln(diffusivity)
-_UNSEEN = 1e-6  # share of a derivative that nothing free explains, under which the record cannot show it
+_COLLINEAR = 1e-3  # 1 - cosine^2 below which two effects cannot be distinguished
+_LARGE_SHIFT = 0.15  # of ln(alpha), from which the linear prediction is poor
+_NOT_IDENTIFIABLE = 1e-6  # share of a derivative orthogonal to the estimated parameters, below which it is left out
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """An effect at a place of its scan.
+    """An effect at one point of the grid over its positions, times or temperatures.
 
     Args:
-        where: its places, times and temperatures by index in the vector.
+        effect_parameters: the effect and the indices of its parameters.
+        scan_values: the values of these parameters at the grid point, by index in the parameter vector.
     """
 
-    slot: EffectParameters
-    where: dict[int, float]
+    effect_parameters: EffectParameters
+    scan_values: dict[int, float]
 
 
 @dataclass(frozen=True, eq=False)
-class Screen:
-    """What every candidate would explain beside a fitted model.
+class CandidateScores:
+    """The score test of every candidate against a fitted model.
 
     Args:
         base: the fitted model.
-        norm: of each `z`, 1 per unit of the size.
-        score: `z'r / |z|`. cosine: between all pairs of `z`.
-        moves: what a unit of each size does to the free parameters, `(free, candidate)`.
-        signs: +1 or -1 where the size must be positive or negative, else 0.
+        candidates: the candidates with an identifiable size.
+        norm: `|z|` of each candidate, per unit of its size, `(candidate,)`.
+        score: `z'r / |z|`, `(candidate,)`.
+        cosine: cosine between each two `z`, `(candidate, candidate)`.
+        parameter_shifts: change of the estimated parameters per unit of each size, `(parameter, candidate)`.
+        required_signs: +1 or -1 where the size must be positive or negative, else 0, `(candidate,)`.
+        random: generator of the draws.
     """
 
-    base: Fit
+    base: EffectFit
     candidates: tuple[Candidate, ...]
     norm: np.ndarray = field(repr=False)
     score: np.ndarray = field(repr=False)
     cosine: np.ndarray = field(repr=False)
-    moves: np.ndarray = field(repr=False)
-    signs: np.ndarray = field(repr=False)
+    parameter_shifts: np.ndarray = field(repr=False)
+    required_signs: np.ndarray = field(repr=False)
     random: np.random.Generator = field(repr=False)
 
     @cached_property
     def gain(self) -> np.ndarray:
-        """Expected drop of `-2 log L` by each candidate alone; 0 where its sign would be wrong."""
-        return np.where(self.signs * self.score < 0, 0.0, self.score**2)
+        """Expected drop of `-2 log L` by each candidate alone; 0 where its size has the wrong sign."""
+        return np.where(self.required_signs * self.score < 0, 0.0, self.score**2)
 
     @cached_property
     def size(self) -> np.ndarray:
@@ -77,46 +80,49 @@ class Screen:
 
     @cached_property
     def shift(self) -> np.ndarray:
-        """What each candidate would do to ln(diffusivity)."""
-        return self.moves[0] * self.size
+        """Expected shift of ln(alpha) by each candidate alone."""
+        return self.parameter_shifts[0] * self.size
 
     @cached_property
-    def groups(self) -> dict[EffectParameters, np.ndarray]:
-        """The candidates of each effect, by their places in `candidates`."""
-        found: dict[EffectParameters, list[int]] = {}
-        for place, candidate in enumerate(self.candidates):
-            found.setdefault(candidate.slot, []).append(place)
-        return {slot: np.array(places) for slot, places in found.items()}
+    def by_effect(self) -> dict[EffectParameters, np.ndarray]:
+        """The indices of the candidates of each effect."""
+        indices: dict[EffectParameters, list[int]] = {}
+        for index, candidate in enumerate(self.candidates):
+            indices.setdefault(candidate.effect_parameters, []).append(index)
+        return {effect_parameters: np.array(own) for effect_parameters, own in indices.items()}
 
-    def places(self, slot: EffectParameters) -> list[int]:
-        """The candidates of one effect, best first."""
-        own = self.groups.get(slot, np.array([], dtype=int))
-        return [int(place) for place in own[np.argsort(-self.gain[own])]]
+    def effect(self, index: int) -> EffectParameters:
+        """The effect of a candidate."""
+        return self.candidates[index].effect_parameters
+
+    def candidates_of(self, effect_parameters: EffectParameters) -> list[int]:
+        """The indices of the candidates of one effect, largest gain first."""
+        own = self.by_effect.get(effect_parameters, np.array([], dtype=int))
+        return own[np.argsort(-self.gain[own])].tolist()
 
     def best(self, count: int) -> list[int]:
-        """The best candidate of each of the best effects, one per effect, best first."""
-        tops = [places[np.argmax(self.gain[places])] for places in self.groups.values()]
-        return sorted((int(top) for top in tops), key=lambda top: -self.gain[top])[:count]
+        """The index of the best candidate of each effect, largest gain first; at most `count`."""
+        best = [int(own[np.argmax(self.gain[own])]) for own in self.by_effect.values()]
+        return sorted(best, key=lambda index: -self.gain[index])[:count]
 
-    def farthest(self, p: float, count: int) -> list[int]:
-        """The same of those past chance that move the diffusivity so far that one derivative tells little of them."""
+    def largest_shifts(self, p: float, count: int) -> list[int]:
+        """Significant candidates with a shift of ln(alpha) too large for the linear prediction, largest shift first."""
         threshold = self.threshold(p)
-        far = [k for k in self.best(len(self.groups)) if self.gain[k] > threshold and abs(self.shift[k]) > _FAR]
+        best = self.best(len(self.by_effect))
+        far = [k for k in best if self.gain[k] > threshold and abs(self.shift[k]) > _LARGE_SHIFT]
         return sorted(far, key=lambda k: -abs(self.shift[k]))[:count]
 
-    def likeliest(self, count: int) -> list[int]:
-        """The same by their gains less the price of the places and hours that they chose."""
-        weighed = {
-            top: self.gain[top] - price(self.base, (self.candidates[top].slot,)) for top in self.best(len(self.groups))
-        }
-        return sorted(weighed, key=lambda top: -weighed[top])[:count]
+    def best_penalised(self, count: int) -> list[int]:
+        """The best candidates by their gain less the penalty for their positions and hours; at most `count`."""
+        best = self.best(len(self.by_effect))
+        return sorted(best, key=lambda k: bic_penalty(self.base, (self.effect(k),)) - self.gain[k])[:count]
 
     @cached_property
-    def _largest(self) -> np.ndarray:
-        """The largest gain that chance makes, per draw, sorted."""
+    def _largest_gain_by_chance(self) -> np.ndarray:
+        """The largest gain of each random draw, sorted."""
         draws = self._draw(DRAWS)
         draws = draws * np.exp(0.5 * self.base.noise.spread * self.random.standard_normal((DRAWS, 1)))
-        return np.sort(np.where(self.signs * draws < 0, 0.0, draws**2).max(axis=1, initial=0.0))
+        return np.sort(np.where(self.required_signs * draws < 0, 0.0, draws**2).max(axis=1, initial=0.0))
 
     def _draw(self, count: int) -> np.ndarray:
         value, vector = np.linalg.eigh(self.cosine)
@@ -124,147 +130,161 @@ class Screen:
         return self.random.standard_normal((count, len(value))) @ root.T
 
     def p_value(self, gain: float) -> float:
-        """How often chance alone makes a larger best gain in the whole library; never under 1/(draws + 1)."""
-        larger = len(self._largest) - np.searchsorted(self._largest, gain)
-        return float(1 + larger) / (1 + len(self._largest))
+        """Probability that the largest gain in the entire library exceeds a value by chance; at least 1/(draws + 1)."""
+        larger = len(self._largest_gain_by_chance) - np.searchsorted(self._largest_gain_by_chance, gain)
+        return float(1 + larger) / (1 + len(self._largest_gain_by_chance))
 
     def threshold(self, p: float) -> float:
-        """The gain that chance alone passes with this probability."""
-        return float(np.quantile(self._largest, 1 - p)) if len(self.candidates) else np.inf
+        """The gain that the largest one in the entire library exceeds by chance with this probability."""
+        return float(np.quantile(self._largest_gain_by_chance, 1 - p)) if len(self.candidates) else np.inf
 
     @cached_property
     def pair_gain(self) -> np.ndarray:
-        """Expected drop by each pair; 0 on the diagonal, within an effect, and where a sign would be wrong."""
-        return self._pairs(self.score)
+        """Expected drop of `-2 log L` by each pair; 0 for candidates of one effect and where a sign is wrong."""
+        return self._pair_gains(self.score)
 
-    def _pairs(self, score: np.ndarray) -> np.ndarray:
-        apart = self._apart
+    def _pair_gains(self, score: np.ndarray) -> np.ndarray:
+        determinant = self._one_minus_cosine_squared
         own, other = score[:, None] - self.cosine * score[None, :], score[None, :] - self.cosine * score[:, None]
-        total = np.where(apart > 0, (score[:, None] * own + score[None, :] * other) / np.maximum(apart, _COLLINEAR), 0)
-        wrong = (self.signs[:, None] * own < 0) | (self.signs[None, :] * other < 0)
+        total = score[:, None] * own + score[None, :] * other
+        total = np.where(determinant > 0, total / np.maximum(determinant, _COLLINEAR), 0)
+        wrong = (self.required_signs[:, None] * own < 0) | (self.required_signs[None, :] * other < 0)
         return np.where(wrong, 0.0, total)
 
     @cached_property
-    def _apart(self) -> np.ndarray:
-        """`1 - cosine^2`, 0 for what is no pair."""
-        apart = 1.0 - self.cosine**2
-        names = [(c.slot.effect.name, c.slot.effect.target) for c in self.candidates]
+    def _one_minus_cosine_squared(self) -> np.ndarray:
+        """`1 - cosine^2`, 0 for candidates that are collinear or of the same effect."""
+        determinant = 1.0 - self.cosine**2
+        names = [(c.effect_parameters.effect.name, c.effect_parameters.effect.target) for c in self.candidates]
         code = {name: i for i, name in enumerate(dict.fromkeys(names))}
         group = np.array([code[name] for name in names], dtype=int)
-        apart[group[:, None] == group[None, :]] = 0.0
-        return np.where(apart < _COLLINEAR, 0.0, apart)
+        determinant[group[:, None] == group[None, :]] = 0.0
+        return np.where(determinant < _COLLINEAR, 0.0, determinant)
 
     def best_pairs(self, count: int) -> list[tuple[int, int]]:
-        """The best pairs of effects, each at its best places, best first."""
+        """The best pairs of effects, each at its best candidates, largest gain first; at most `count`."""
         gain = np.triu(self.pair_gain)
-        found: list[tuple[int, int]] = []
-        seen: set[frozenset[EffectParameters]] = set()
+        pairs: dict[frozenset[EffectParameters], tuple[int, int]] = {}
         for flat in np.argsort(-gain, axis=None)[: 50 * count]:
             i, j = (int(k) for k in np.unravel_index(flat, gain.shape))
-            slots = frozenset((self.candidates[i].slot, self.candidates[j].slot))
-            if gain[i, j] <= 0 or len(found) == count:
+            pairs.setdefault(frozenset((self.effect(i), self.effect(j))), (i, j))
+            if gain[i, j] <= 0 or len(pairs) == count:
                 break
-            if slots not in seen:
-                seen.add(slots)
-                found.append((i, j))
-        return found
+        return list(pairs.values())
 
     def pair_threshold(self, p: float) -> float:
-        """The gain of a best pair that chance alone passes with this probability."""
-        largest = [self._pairs(draw).max(initial=0.0) for draw in self._draw(_PAIR_DRAWS)]
+        """The gain that the best pair exceeds by chance with this probability."""
+        largest = [self._pair_gains(draw).max(initial=0.0) for draw in self._draw(_PAIR_DRAWS)]
         return float(np.quantile(largest, 1 - p)) if len(self.candidates) > 1 else np.inf
 
-    def prediction(self, chosen: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Sizes of some candidates together, and what they do to the base's free parameters."""
-        places = np.array(chosen)
-        system = self.cosine[np.ix_(places, places)]
-        size = np.linalg.lstsq(system, self.score[places], rcond=None)[0] / self.norm[places]
-        return size, self.moves[:, places] @ size
+    def joint_gain(self, chosen: tuple[int, ...]) -> float:
+        """Expected drop of `-2 log L` by some candidates together."""
+        k = np.array(chosen)
+        return float(self.score[k] @ np.linalg.lstsq(self.cosine[np.ix_(k, k)], self.score[k], rcond=None)[0])
+
+    def joint_prediction(self, chosen: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """Expected sizes of some candidates together, and the shifts of the estimated parameters of the base."""
+        k = np.array(chosen)
+        size = np.linalg.lstsq(self.cosine[np.ix_(k, k)], self.score[k], rcond=None)[0] / self.norm[k]
+        return size, self.parameter_shifts[:, k] @ size
 
 
 @dataclass(frozen=True, eq=False)
 class CandidateJacobian:
-    """Every candidate beside a fit, and its derivative, K per unit of its size, `(candidate, reading)`."""
+    """The candidates for a fit.
+
+    Args:
+        candidates: the effects that are not in the fit, at each point of their grids.
+        columns: derivative of the binned readings by each size, K per unit of the size, `(candidate, reading)`.
+    """
 
     candidates: tuple[Candidate, ...]
     columns: np.ndarray = field(repr=False)
 
 
-def screen(base: Fit, outlook: CandidateJacobian, random: np.random.Generator) -> Screen:
-    """Score every candidate beside a fitted model."""
-    candidates, z = outlook.candidates, outlook.columns
+def score_candidates(base: EffectFit, jacobian: CandidateJacobian, random: np.random.Generator) -> CandidateScores:
+    """Score every candidate against a fitted model.
+
+    Args:
+        base: the fitted model.
+        jacobian: the candidates with their derivatives.
+        random: generator of the draws for significance levels.
+    """
+    candidates, z = jacobian.candidates, jacobian.columns
     white = z @ base.noise.whiten.T
     white = np.concatenate([white, np.zeros((len(white), base.jacobian.shape[0] - white.shape[1]))], axis=1)
     size = np.maximum(np.linalg.norm(base.jacobian, axis=0), 1e-300)
     Q, R = np.linalg.qr(base.jacobian / size)
-    inside = white @ Q
-    moves = -np.linalg.lstsq(R, inside.T, rcond=1e-12)[0] / size[:, None]
-    left = white - inside @ Q.T
-    left -= (left @ Q) @ Q.T  # once more, for round-off
-    norm = np.linalg.norm(left, axis=1)
-    seen = norm > _UNSEEN * np.maximum(np.linalg.norm(white, axis=1), 1e-300)
-    keep = np.flatnonzero(seen & (norm > 0))
-    unit = left[keep] / norm[keep, None]
-    signs = np.array([_sign(candidates[k].slot) for k in keep], dtype=float)
-    return Screen(
+    projection = white @ Q
+    shifts = -np.linalg.lstsq(R, projection.T, rcond=1e-12)[0] / size[:, None]
+    rest = white - projection @ Q.T
+    rest -= (rest @ Q) @ Q.T  # once more, against round-off
+    norm = np.linalg.norm(rest, axis=1)
+    identifiable = norm > _NOT_IDENTIFIABLE * np.maximum(np.linalg.norm(white, axis=1), 1e-300)
+    keep = np.flatnonzero(identifiable & (norm > 0))
+    unit = rest[keep] / norm[keep, None]
+    signs = np.array([_required_sign(candidates[k].effect_parameters) for k in keep], dtype=float)
+    return CandidateScores(
         base,
         tuple(candidates[k] for k in keep),
         norm[keep],
         unit @ base.residual,
         unit @ unit.T,
-        moves[:, keep],
+        shifts[:, keep],
         signs,
         random,
     )
 
 
-def candidate_jacobian(study: DiagnosisProblem, base: Fit) -> CandidateJacobian:
-    """The derivative of every effect that is not in a fitted model, at every place of its scan.
+def candidate_jacobian(problem: DiagnosisProblem, base: EffectFit) -> CandidateJacobian:
+    """The derivative of the readings by every effect that is not in a fitted model, at every point of its grid.
 
-    To first order about the base's linear part, whose temperatures differ little from the base's own: a ranking
-    needs no more, and a refit is exact.
+    The derivative is taken at the linear part of the base, whose temperatures differ little from those of the base.
+    This is accurate enough for a ranking; a refit is exact.
     """
-    slots = [slot for slot in study.library if not any(same(slot, other) for other in base.active)]
-    return _outlook(study, base, [candidate for slot in slots for candidate in _scanned(study, slot, {})])
+    effects = [effect for effect in problem.library if not any(same_effect_and_target(effect, o) for o in base.active)]
+    return _jacobian_of(problem, base, [c for effect in effects for c in _scan_candidates(problem, effect, {})])
 
 
 def candidate_jacobian_of_forms(
-    study: DiagnosisProblem, base: Fit, forms: list[EffectParameters], known: dict[str, float]
+    problem: DiagnosisProblem, base: EffectFit, forms: list[EffectParameters], known: dict[str, float]
 ) -> CandidateJacobian:
-    """The same of some forms of an effect, at the places and hours that are known of it, the rest scanned."""
-    return _outlook(study, base, [candidate for form in forms for candidate in _scanned(study, form, known)])
+    """The same for some forms of an effect, with its known positions and hours; the other parameters are scanned."""
+    return _jacobian_of(problem, base, [c for form in forms for c in _scan_candidates(problem, form, known)])
 
 
-def same(one: EffectParameters, other: EffectParameters) -> bool:
-    """Whether both are forms of one effect on one target."""
+def same_effect_and_target(one: EffectParameters, other: EffectParameters) -> bool:
+    """Whether both are forms of the same effect on the same target."""
     return (one.effect.name, one.effect.target) == (other.effect.name, other.effect.target)
 
 
-def _scanned(study: DiagnosisProblem, slot: EffectParameters, known: dict[str, float]) -> list[Candidate]:
-    """An effect at every place of its scan, but where something of it is known."""
-    index = {p.name: i for p, i in zip(slot.effect.parameters, slot.indices, strict=True)}
-    places = [{index[name]: known.get(name, at) for name, at in row.items()} for row in slot.effect.scan(study.search)]
-    return [Candidate(slot, dict(place)) for place in dict.fromkeys(tuple(place.items()) for place in places)]
+def _scan_candidates(
+    problem: DiagnosisProblem, effect_parameters: EffectParameters, known: dict[str, float]
+) -> list[Candidate]:
+    """An effect at every point of its grid, with the known parameters at their values."""
+    index = {parameter.name: i for i, parameter in effect_parameters.indexed_parameters}
+    grid = effect_parameters.effect.scan(problem.search_range)
+    points = [tuple((index[name], known.get(name, value)) for name, value in point.items()) for point in grid]
+    return [Candidate(effect_parameters, dict(point)) for point in dict.fromkeys(points)]
 
 
-def _outlook(study: DiagnosisProblem, base: Fit, candidates: list[Candidate]) -> CandidateJacobian:
-    thetas = np.stack([_placed(base.theta, candidate) for candidate in candidates])
-    directions = np.eye(study.size)[[candidate.slot.first for candidate in candidates]]
-    return CandidateJacobian(
-        tuple(candidates), first_order_columns(study.model, study.bins, base.theta, thetas, directions)
-    )
+def _jacobian_of(problem: DiagnosisProblem, base: EffectFit, candidates: list[Candidate]) -> CandidateJacobian:
+    thetas = np.stack([_at_candidate(base.theta, candidate) for candidate in candidates])
+    directions = np.eye(problem.parameter_count)[[candidate.effect_parameters.size_index for candidate in candidates]]
+    columns = first_order_columns(problem.model, problem.bins, base.theta, thetas, directions)
+    return CandidateJacobian(tuple(candidates), columns)
 
 
-def _placed(theta: np.ndarray, candidate: Candidate) -> np.ndarray:
-    """The parameters with a candidate at its place."""
+def _at_candidate(theta: np.ndarray, candidate: Candidate) -> np.ndarray:
+    """The parameters with a candidate at its grid point."""
     theta = theta.copy()
-    theta[list(candidate.where)] = list(candidate.where.values())
+    theta[list(candidate.scan_values)] = list(candidate.scan_values.values())
     return theta
 
 
-def _sign(slot: EffectParameters) -> int:
-    """The sign that an effect's size must have, 0 for either."""
-    size = slot.effect.parameters[0]
-    if size.least == 0.0:
+def _required_sign(effect_parameters: EffectParameters) -> int:
+    """The sign that the size of an effect must have, 0 for either."""
+    size = effect_parameters.effect.parameters[0]
+    if size.lower == 0.0:
         return 1
-    return -1 if size.most == 0.0 else 0
+    return -1 if size.upper == 0.0 else 0

@@ -1,59 +1,69 @@
-"""Locate, rank, extend, compare: repeated until nothing more is worth adding."""
+"""The search for the effects that the plain model misses in a record."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from ..case.case_definition import Case
+from .compilation import compile_together
 from .cross_validation import cross_validate
-from .findings import Diagnosis
-from .problem import compile_together, diagnosis_problem
-from .residual_tests import test_residual
-from .stepwise_selection import Selection
+from .diagnosis_result import Diagnosis
+from .problem import diagnosis_problem
+from .residual_tests import run_residual_tests
+from .stepwise_selection import StepwiseSelection
 
 Progress = Callable[[str, float], None]
 
 
 def diagnose(case: Case, *, progress: Progress = lambda stage, share: None) -> Diagnosis:
-    """What the plain model misses in a case's record: which effect, how large, how much of the gap it closes.
+    """Find the physical effects that the plain model misses in the record of a case.
+
+    The plain model is fitted, every effect of the library is ranked by a score test, the best candidates are added
+    and fitted (stepwise selection), and both models are compared on days held out.
 
     Args:
-        progress: told the stage now beginning, and the share of the work done before it.
+        case: the case; its window is the entire record, or `[choices] diagnose_days`.
+        progress: called with the name of the stage that begins and the share of the work done, 0 to 1.
 
     Returns:
-        One record from which every table and figure derives.
+        The verdict, the named effects with their sizes, and the diffusivity with them in the model.
 
     Raises:
-        InputError: a case without an inner sensor, or without a reading.
+        InputError: the case has no inner sensor, or no inner sensor has a reading.
         RuntimeError: 64-bit floats are switched off.
+
+    Example:
+        >>> diagnosis = wallid.diagnose(wallid.load("case.toml"))
+        >>> print(diagnosis.verdict, diagnosis.sentence)
     """
     progress("diagnose: compiling the models", 0.0)
-    search = Selection(diagnosis_problem(case))
-    compile_together(search.study)
-    progress("diagnose: the plain model", 0.35)
-    plain = search.plain()
-    progress("diagnose: rank every effect and pair", 0.5)
-    first = search.screen(plain)
-    chosen = search.first(plain, first, lambda share: progress("diagnose: extend and fit again", 0.55 + 0.15 * share))
-    best = search.further(chosen, lambda share: progress("diagnose: what is left to add", 0.7 + 0.15 * share))
-    progress("diagnose: rivals", 0.85)
-    effects, wanting = search.named(best), search.wanting(best)
-    progress("diagnose: compare on days held out", 0.9)
-    if best.active:  # both under the noise that the better model shows
-        plain = search.plain_beside(best)
-    gap = cross_validate(plain, best)
-    left, after = test_residual(plain), test_residual(best)
-    progress("done", 1.0)
-    return Diagnosis(
-        study=search.study,
+    selection = StepwiseSelection(diagnosis_problem(case))
+    compile_together(selection.problem)
+    progress("diagnose: fitting the plain model", 0.35)
+    plain = selection.fit_plain_model()
+    progress("diagnose: ranking all effects and pairs", 0.5)
+    scores = selection.score_candidates(plain)
+    chosen = selection.select_first(
+        plain, scores, lambda share: progress("diagnose: fitting the best candidates", 0.55 + 0.15 * share)
+    )
+    best = selection.select_further(chosen, lambda share: progress("diagnose: stepwise selection", 0.7 + 0.15 * share))
+    progress("diagnose: comparing rival effects", 0.85)
+    effects, p_value_of_one_more = selection.named_effects(best), selection.p_value_of_one_more(best)
+    progress("diagnose: cross-validation", 0.9)
+    if best.active:  # both with the noise of the final model
+        plain = selection.plain_model_with_noise_of(best)
+    diagnosis = Diagnosis(
+        problem=selection.problem,
         before=plain,
         after=best,
         effects=effects,
-        screen=first,
-        trials=tuple(search.trials),
-        gap=gap,
-        left_before=left,
-        left_after=after,
-        wanting=wanting,
-        rivals=tuple(search.rivals),
+        scores=scores,
+        trials=tuple(selection.trials),
+        gap=cross_validate(plain, best),
+        residual_tests_before=run_residual_tests(plain),
+        residual_tests_after=run_residual_tests(best),
+        p_value_of_one_more=p_value_of_one_more,
+        rivals=tuple(selection.rivals),
     )
+    progress("done", 1.0)
+    return diagnosis

@@ -1,4 +1,4 @@
-"""Which effects a record wants: from the plain model by single effects, pairs, swaps and drops."""
+"""Stepwise selection of effects: forward with single effects and pairs, then exchange, addition and removal."""
 
 from __future__ import annotations
 
@@ -7,296 +7,303 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from ..inference.noise_covariance import Noise
-from .acceptance import refusal, weighed
-from .cross_validation import cost_outside, held_out, windows
-from .effect_fit import Fit, refit
-from .findings import CHANCE as FIRST
-from .findings import FURTHER, NamedEffect, Trial
+from .acceptance import FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL, penalised_cost, reason_for_refusal
+from .cross_validation import effect_by_window, held_out, held_out_cost
+from .effect_fit import EffectFit, refit
+from .effect_results import NamedEffect, Trial
 from .problem import DiagnosisProblem, EffectParameters
-from .residual_noise import NoiseModel, estimate_noise
-from .residual_tests import omnibus_directions, test_residual
-from .score_test import CandidateJacobian, Screen, candidate_jacobian, candidate_jacobian_of_forms, same, screen
+from .residual_noise import DiagnosisNoiseShape, estimate_noise
+from .residual_tests import omnibus_directions, run_residual_tests
+from .score_test import (
+    CandidateJacobian,
+    CandidateScores,
+    candidate_jacobian,
+    candidate_jacobian_of_forms,
+    same_effect_and_target,
+    score_candidates,
+)
 
 RIVAL = 9.0
-"""Models within this of the best in `-2 log L`, places paid for, cannot be told from it."""
-_CLEAN = 0.02  # p-value of the omnibus test above which a single effect is not asked for a partner at once
-_MOST_EFFECTS = 2  # where a third is wanted, what is missing is likelier none of the library
-_SINGLES, _PAIRS, _RIVALS = 5, 3, 8
-_FARTHEST, _FORMS, _STARTS = 3, 2, 3  # what moves the diffusivity far; an effect's other forms, its other starts
-_PARTNERS = 2  # of the best single effect, as seen beside it
-_NEAR = 0.35  # how far a rival's expected gain may fall short, relative, to be worth a refit
-_CLOSE = 0.2  # the same for an effect in the place of one that has been fitted
-_GRAIN = 1e-3  # share of what an effect explains that its own form, cells and soft edges, may leave: 3 % of its size
-_ROUNDS = 4
+"""Models within this of the best in penalised `-2 log L` cannot be distinguished from it."""
+_PAIR_TEST_LEVEL = 0.02  # below this p-value of the omnibus test after one effect, pairs and other forms are tried
+_MAX_EFFECTS = 2  # where a third effect would be significant, the missing effect is probably not in the library
+_SINGLES, _PAIRS, _RIVALS = 5, 3, 8  # candidates that are refitted: alone, as pairs, in exchange for an effect
+_LARGE_SHIFTS, _FORMS, _STARTS = 3, 2, 3  # refits of candidates that shift alpha far, of other forms, other starts
+_PARTNERS = 2  # candidates that are refitted together with the best single effect
+_GAIN_MARGIN = 0.35  # relative error allowed for in an expected gain
+_EXCHANGE_MARGIN = 0.2  # the same where one effect is exchanged for another
+_MODEL_ERROR = 1e-3  # share of the gain of an effect that its discretisation may leave in the residual: 3 % of its size
+_MAX_ROUNDS = 4
 
 
-class Selection:
-    """The search in one record, and what it has tried."""
+class StepwiseSelection:
+    """The stepwise selection for one diagnosis problem, with the fits that it has tried.
 
-    def __init__(self, study: DiagnosisProblem):
-        self.study = study
-        self.random = np.random.default_rng(study.case.choices.seed)
+    Args:
+        problem: the case prepared for the search.
+    """
+
+    def __init__(self, problem: DiagnosisProblem):
+        self.problem = problem
+        self.random = np.random.default_rng(problem.case.choices.seed)
         self.trials: list[Trial] = []
-        self.rivals: list[Fit] = []
-        self._outlooks: dict[frozenset[EffectParameters], CandidateJacobian] = {}
-        self._fewer: dict[tuple[frozenset[EffectParameters], Noise], Fit] = {}
+        self.rivals: list[EffectFit] = []
+        self._jacobians: dict[frozenset[EffectParameters], CandidateJacobian] = {}
+        self._reduced_fits: dict[tuple[frozenset[EffectParameters], Noise], EffectFit] = {}
 
-    def plain(self) -> Fit:
-        """The plain model, under the noise that it shows beside the whole library."""
-        study = self.study
-        stated = NoiseModel(study, study.neutral).noise(1.0, 0.0, 0.8)
-        return self.settle(refit(study, (), study.neutral, stated))
+    def fit_plain_model(self) -> EffectFit:
+        """Fit the plain model, with the noise estimated beside the entire library."""
+        problem = self.problem
+        stated = DiagnosisNoiseShape(problem, problem.neutral).noise(1.0, 0.0, 0.8)
+        return self.refit_with_estimated_noise(refit(problem, (), problem.neutral, stated))
 
-    def settle(self, fit: Fit) -> Fit:
-        """The same model under the noise that it shows beside the library's and the omnibus tests' directions."""
-        study = self.study
-        free, gap = fit.in_kelvin()
-        directions = np.concatenate([self.look(fit).columns, free.T, *omnibus_directions(fit)])
-        noise = estimate_noise(NoiseModel(study, fit.theta), gap, directions)
-        return refit(study, fit.active, fit.theta, noise)
+    def refit_with_estimated_noise(self, fit: EffectFit) -> EffectFit:
+        """Fit the same model again, with the noise estimated orthogonally to the library and the omnibus directions."""
+        problem = self.problem
+        jacobian, residual = fit.unwhitened()
+        directions = np.concatenate([self.candidate_jacobian(fit).columns, jacobian.T, *omnibus_directions(fit)])
+        noise = estimate_noise(DiagnosisNoiseShape(problem, fit.theta), residual, directions)
+        return refit(problem, fit.active, fit.theta, noise)
 
-    def plain_beside(self, fit: Fit) -> Fit:
-        """The plain model under the noise of a better one."""
+    def plain_model_with_noise_of(self, fit: EffectFit) -> EffectFit:
+        """The plain model fitted with the noise of a fit with effects."""
         while fit.active:
             fit = self.without(fit, fit.active[-1])
         return fit
 
-    def screen(self, fit: Fit) -> Screen:
-        """The whole library beside a fit."""
-        return screen(fit, self.look(fit), self.random)
+    def score_candidates(self, fit: EffectFit) -> CandidateScores:
+        """The score test of the entire library against a fit."""
+        return score_candidates(fit, self.candidate_jacobian(fit), self.random)
 
-    def look(self, fit: Fit) -> CandidateJacobian:
-        """The library's derivatives, made once for a set of effects: they hardly change from fit to fit."""
+    def candidate_jacobian(self, fit: EffectFit) -> CandidateJacobian:
+        """The derivatives of the library, computed once for each set of effects: they hardly change between fits."""
         effects = frozenset(fit.active)
-        if effects not in self._outlooks:
-            self._outlooks[effects] = candidate_jacobian(self.study, fit)
-        return self._outlooks[effects]
+        if effects not in self._jacobians:
+            self._jacobians[effects] = candidate_jacobian(self.problem, fit)
+        return self._jacobians[effects]
 
-    def without(self, fit: Fit, slot: EffectParameters) -> Fit:
-        """A model less one of its effects, under the same noise; made once."""
-        active = tuple(other for other in fit.active if other is not slot)
+    def without(self, fit: EffectFit, effect_parameters: EffectParameters) -> EffectFit:
+        """A fit without one of its effects, with the same noise; computed once."""
+        active = tuple(other for other in fit.active if other is not effect_parameters)
         key = (frozenset(active), fit.noise)
-        if key not in self._fewer:
+        if key not in self._reduced_fits:
             theta = fit.theta.copy()
-            theta[slot.first] = 0.0
-            self._fewer[key] = refit(self.study, active, theta, fit.noise)
-        return self._fewer[key]
+            theta[effect_parameters.size_index] = 0.0
+            self._reduced_fits[key] = refit(self.problem, active, theta, fit.noise)
+        return self._reduced_fits[key]
 
-    def add(self, screened: Screen, chosen: tuple[int, ...]) -> Fit:
-        """The base of a screen with some of its candidates in, fitted from the linear prediction."""
-        base, study = screened.base, self.study
+    def add_candidates(self, scores: CandidateScores, chosen: tuple[int, ...]) -> EffectFit:
+        """Fit the base of a score test with some of its candidates, starting from the linear prediction."""
+        base, problem = scores.base, self.problem
         theta = base.theta.copy()
         for k in chosen:
-            where = screened.candidates[k].where
-            theta[list(where)] = list(where.values())
-        active = (*base.active, *(screened.candidates[k].slot for k in chosen))
-        size, move = screened.prediction(chosen)
-        step = dict.fromkeys(study.free(active), 0.0)
-        step |= {i: m for i, m in zip(base.free, move, strict=True) if i in step}
+            values = scores.candidates[k].scan_values
+            theta[list(values)] = list(values.values())
+        active = (*base.active, *(scores.effect(k) for k in chosen))
+        size, shift = scores.joint_prediction(chosen)
+        step = dict.fromkeys(problem.estimated_indices(active), 0.0)
+        shifts = dict(zip(base.estimated_indices, shift, strict=True))
+        step |= {i: value for i, value in shifts.items() if i in step}
         for k, value in zip(chosen, size, strict=True):
-            step[screened.candidates[k].slot.first] = value
-        moved = dict(zip(base.free, move, strict=True))
-        for error, slot in study.replaced(active):
-            if slot not in base.active:
-                step[slot.first] += moved.get(error, 0.0)
-        made = refit(study, active, theta, base.noise, step=np.array(list(step.values())))
-        if not made.cost < base.cost:  # the prediction went astray: without it the base itself is where it begins
-            made = min(made, refit(study, active, theta, base.noise), key=lambda fit: fit.cost)
-        self.trials.append(Trial(base, made, float(_joint_gain(screened, chosen))))
-        return made
+            step[scores.effect(k).size_index] = value
+        for error, effect_parameters in problem.errors_replaced_by_effects(active):
+            if effect_parameters not in base.active:
+                step[effect_parameters.size_index] += shifts.get(error, 0.0)
+        fit = refit(problem, active, theta, base.noise, step=np.array(list(step.values())))
+        if not fit.cost < base.cost:  # the linear prediction was too far off: start from the base
+            fit = min(fit, refit(problem, active, theta, base.noise), key=lambda fit: fit.cost)
+        self.trials.append(Trial(base, fit, scores.joint_gain(chosen)))
+        return fit
 
-    def first(self, plain: Fit, ranked: Screen, tell: Callable[[float], None]) -> Fit:
-        """The plain model, or the best of a few single effects and pairs."""
-        singles, pairs = ranked.likeliest(_SINGLES), ranked.best_pairs(_PAIRS)
-        top = ranked.gain.max(initial=0.0)
-        single_stands = bool(singles) and ranked.p_value(top) <= FIRST
-        pair_stands = bool(pairs) and ranked.pair_gain[pairs[0]] > max(
-            ranked.pair_threshold(FURTHER), top + ranked.threshold(FURTHER)
+    def select_first(self, plain: EffectFit, scores: CandidateScores, progress: Callable[[float], None]) -> EffectFit:
+        """The best of a few single effects and pairs, or the plain model where none is significant."""
+        singles, pairs = scores.best_penalised(_SINGLES), scores.best_pairs(_PAIRS)
+        top = scores.gain.max(initial=0.0)
+        single_significant = bool(singles) and scores.p_value(top) <= FIRST_EFFECT_LEVEL
+        pair_significant = bool(pairs) and scores.pair_gain[pairs[0]] > max(
+            scores.pair_threshold(FURTHER_EFFECT_LEVEL), top + scores.threshold(FURTHER_EFFECT_LEVEL)
         )
-        if not single_stands and not pair_stands:
+        if not single_significant and not pair_significant:
             return plain
-        near = [k for k in singles if ranked.gain[k] >= (1 - _NEAR) * top - RIVAL]
-        likely = list(dict.fromkeys([*near, *ranked.farthest(FIRST, _FARTHEST)])) if single_stands else []
-        double = [pair for pair in pairs if ranked.pair_gain[pair] > top + ranked.threshold(FURTHER)]
-        made: list[Fit] = []
-        for count, k in enumerate(likely):
-            tell(count / (len(likely) + len(double)))
-            made.append(self.add(ranked, (k,)))
-        best = min(made, key=lambda fit: fit.cost, default=None)
-        # a pair only where one effect leaves something, which is seldom: a refit of a pair costs the most
-        if pair_stands and (best is None or test_residual(best).p_value < _CLEAN):
+        single: list[int] = []
+        if single_significant:
+            near = [k for k in singles if scores.gain[k] >= (1 - _GAIN_MARGIN) * top - RIVAL]
+            single = list(dict.fromkeys([*near, *scores.largest_shifts(FIRST_EFFECT_LEVEL, _LARGE_SHIFTS)]))
+        double = [pair for pair in pairs if scores.pair_gain[pair] > top + scores.threshold(FURTHER_EFFECT_LEVEL)]
+        fits: list[EffectFit] = []
+        for count, k in enumerate(single):
+            progress(count / (len(single) + len(double)))
+            fits.append(self.add_candidates(scores, (k,)))
+        best = min(fits, key=lambda fit: fit.cost, default=None)
+        # pairs only where a single effect leaves a significant residual, which is rare: a refit of a pair costs most
+        if pair_significant and (best is None or run_residual_tests(best).p_value < _PAIR_TEST_LEVEL):
             for count, pair in enumerate(double):
-                tell((len(likely) + count) / (len(likely) + len(double)))
-                made.append(self.add(ranked, pair))
-            made += self._partnered(made)
-        threshold = {1: ranked.threshold(FIRST), 2: ranked.threshold(FIRST) + ranked.threshold(FURTHER)}
-        return self._best(plain, made, threshold)
+                progress((len(single) + count) / (len(single) + len(double)))
+                fits.append(self.add_candidates(scores, pair))
+            fits += self._pairs_with_best_single(fits)
+        threshold = {
+            1: scores.threshold(FIRST_EFFECT_LEVEL),
+            2: scores.threshold(FIRST_EFFECT_LEVEL) + scores.threshold(FURTHER_EFFECT_LEVEL),
+        }
+        return self._best(plain, fits, threshold)
 
-    def _partnered(self, made: list[Fit]) -> list[Fit]:
-        """The best of the single effects with what looks best beside it: refitted it may explain more."""
-        best = min((fit for fit in made if len(fit.active) == 1 and self._acceptable(fit)), key=weighed, default=None)
-        if best is None:
+    def _pairs_with_best_single(self, fits: list[EffectFit]) -> list[EffectFit]:
+        """Fits of the best single effect with the best candidates beside it, scored after its refit."""
+        singles = [fit for fit in fits if len(fit.active) == 1 and self._acceptable(fit)]
+        if not singles:
             return []
-        ranked, known = self.screen(best), {frozenset(fit.active) for fit in made}
-        partners = [k for k in ranked.likeliest(_PARTNERS) if {*best.active, ranked.candidates[k].slot} not in known]
-        return [self.add(ranked, (k,)) for k in partners]
+        best = min(singles, key=penalised_cost)
+        scores, known = self.score_candidates(best), {frozenset(fit.active) for fit in fits}
+        partners = [k for k in scores.best_penalised(_PARTNERS) if {*best.active, scores.effect(k)} not in known]
+        return [self.add_candidates(scores, (k,)) for k in partners]
 
-    def _best(self, base: Fit, made: Iterable[Fit], threshold: dict[int, float]) -> Fit:
-        """The best acceptable fit by its cost and a penalty for each effect, or the base.
+    def _best(self, base: EffectFit, fits: Iterable[EffectFit], threshold: dict[int, float]) -> EffectFit:
+        """The accepted fit with the lowest penalised cost, or the base.
 
-        It must also predict days better that it has not seen than whatever has fewer effects.
+        It must also predict the days held out better than the fits with fewer effects.
+
+        Args:
+            base: the fit without the added effects.
+            fits: fits with effects added.
+            threshold: gain of `-2 log L` that so many added effects must exceed.
         """
 
-        def penalised(fit: Fit) -> float:
-            added = [slot for slot in fit.active if slot not in base.active]
-            return weighed(fit) + threshold.get(len(added), 0.0)
+        def penalised(fit: EffectFit) -> float:
+            added = set(fit.active) - set(base.active)
+            return penalised_cost(fit) + threshold.get(len(added), 0.0)
 
-        ordered = sorted((fit for fit in made if self._acceptable(fit)), key=penalised)
+        ordered = sorted((fit for fit in fits if self._acceptable(fit)), key=penalised)
         for fit in ordered:
-            if penalised(fit) >= weighed(base):
+            if penalised(fit) >= penalised_cost(base):
                 break
             fewer = [base, *(other for other in ordered if len(other.active) < len(fit.active))]
-            held = held_out(self.study, fit.events)
-            if held is None or cost_outside(fit, held) < min(cost_outside(other, held) for other in fewer[:2]):
+            rows = held_out(self.problem, fit.events)
+            if rows is None or held_out_cost(fit, rows) < min(held_out_cost(other, rows) for other in fewer[:2]):
                 return fit
-            self._refuse(fit, "predicts days that it has not seen no better")
+            self._set_reason(fit, "does not predict the days held out better")
         return base
 
-    def _refuse(self, fit: Fit, reason: str) -> None:
+    def _set_reason(self, fit: EffectFit, reason: str) -> None:
         for trial in self.trials:
             if trial.fit is fit:
                 trial.reason = reason
 
-    def _acceptable(self, fit: Fit) -> bool:
-        """Inside its bounds, and each effect of a size worth reporting or one that moves the diffusivity."""
-        reason = refusal(fit)
-        self._refuse(fit, reason)
+    def _acceptable(self, fit: EffectFit) -> bool:
+        """Whether a fit is accepted; notes the reason in its trial where it is not."""
+        reason = reason_for_refusal(fit)
+        self._set_reason(fit, reason)
         return not reason
 
-    def further(self, fit: Fit, tell: Callable[[float], None]) -> Fit:
-        """More effects beside those found, swaps and drops, until nothing more is worth it."""
+    def select_further(self, fit: EffectFit, progress: Callable[[float], None]) -> EffectFit:
+        """Exchange, add and remove effects until the set of effects stays the same."""
         if not fit.active:
             return fit
-        fit = self.settle(fit)
-        for count in range(_ROUNDS):
-            tell(count / _ROUNDS)
-            better = self._swap(fit)
-            better = self._grow(better) if len(better.active) < _MOST_EFFECTS else better
-            better = self._drop(better)
-            if set(better.active) == set(fit.active):
-                return better
-            fit = self.settle(better)
+        fit = self.refit_with_estimated_noise(fit)
+        for count in range(_MAX_ROUNDS):
+            progress(count / _MAX_ROUNDS)
+            new = self._exchange(fit)
+            new = self._add_one(new) if len(new.active) < _MAX_EFFECTS else new
+            new = self._remove_one(new)
+            if set(new.active) == set(fit.active):
+                return new
+            fit = self.refit_with_estimated_noise(new)
         return fit
 
-    def _grow(self, fit: Fit) -> Fit:
-        ranked = self.screen(fit)
-        tops = ranked.likeliest(2)
-        threshold = self._threshold(ranked)
-        made = [self.add(ranked, (k,)) for k in tops if ranked.gain[k] > threshold]
-        return self._best(fit, made, {1: threshold})
+    def _add_one(self, fit: EffectFit) -> EffectFit:
+        scores = self.score_candidates(fit)
+        threshold = self._threshold(scores)
+        fits = [self.add_candidates(scores, (k,)) for k in scores.best_penalised(2) if scores.gain[k] > threshold]
+        return self._best(fit, fits, {1: threshold})
 
-    def _threshold(self, ranked: Screen) -> float:
-        """What an effect beside others must explain: more than chance, and than what the others' own shape may miss."""
-        return max(ranked.threshold(FURTHER), self._own_form(ranked.base))
+    def _threshold(self, scores: CandidateScores) -> float:
+        """The gain that a further effect must exceed: of chance, and of the model error of the other effects."""
+        return max(scores.threshold(FURTHER_EFFECT_LEVEL), self._model_error_allowance(scores.base))
 
-    def _own_form(self, fit: Fit) -> float:
-        """What the effects' own form may leave of what they explain."""
-        return _GRAIN * (self.plain_beside(fit).cost - fit.cost)
+    def _model_error_allowance(self, fit: EffectFit) -> float:
+        """The gain that the discretisation of the effects in a fit may leave for other effects."""
+        return _MODEL_ERROR * (self.plain_model_with_noise_of(fit).cost - fit.cost)
 
-    def _drop(self, fit: Fit) -> Fit:
-        """Without an effect that the others have made needless."""
+    def _remove_one(self, fit: EffectFit) -> EffectFit:
+        """The fit without an effect that is not significant beside the others."""
         if len(fit.active) < 2:
             return fit
-        for slot in fit.active:
-            less = self.without(fit, slot)
-            if weighed(less) - weighed(fit) < self._threshold(self.screen(less)) and self._acceptable(less):
-                return less
+        for effect_parameters in fit.active:
+            reduced = self.without(fit, effect_parameters)
+            threshold = self._threshold(self.score_candidates(reduced))
+            if penalised_cost(reduced) - penalised_cost(fit) < threshold and self._acceptable(reduced):
+                return reduced
         return fit
 
-    def _swap(self, fit: Fit) -> Fit:
-        """The best model with one of the effects exchanged, if it is better; what comes close is kept as a rival.
+    def _exchange(self, fit: EffectFit) -> EffectFit:
+        """The best fit with one of the effects exchanged, or the fit itself; the others are kept as rivals.
 
-        Where something is left, the effect may be there in another form, or have ended in a minimum of its own: it
-        begins again at other places and times.
+        Where the omnibus test rejects the fit, an effect may have another form, or its fit may have ended in a local
+        minimum: other forms, and other positions and times to start from, are tried too.
         """
-        best, left = fit, test_residual(fit).p_value < _CLEAN
+        best, rejected = fit, run_residual_tests(fit).p_value < _PAIR_TEST_LEVEL
         self.rivals = []
-        for slot in fit.active:
-            base = self.without(fit, slot)
-            ranked = self.screen(base)
-            near = [k for k in ranked.likeliest(_RIVALS + 1) if ranked.gain[k] >= _comparable(base, fit)]
+        for effect_parameters in fit.active:
+            base = self.without(fit, effect_parameters)
+            scores = self.score_candidates(base)
+            near = [k for k in scores.best_penalised(_RIVALS + 1) if scores.gain[k] >= _comparable(base, fit)]
             near, far = (
-                [k for k in found if not same(ranked.candidates[k].slot, slot)]
-                for found in (near, ranked.farthest(FURTHER, _FARTHEST))
+                [k for k in chosen if not same_effect_and_target(scores.effect(k), effect_parameters)]
+                for chosen in (near, scores.largest_shifts(FURTHER_EFFECT_LEVEL, _LARGE_SHIFTS))
             )
-            made = [self.add(ranked, (k,)) for k in dict.fromkeys([*near[:_RIVALS], *far])]
-            self.rivals += made
-            if left:
-                made += self._forms(fit, slot, base)
-                made += [self.add(ranked, (k,)) for k in ranked.places(slot)[1 : 1 + _STARTS]]
-            for other in made:
-                if weighed(other) < weighed(best) and self._acceptable(other):
+            fits = [self.add_candidates(scores, (k,)) for k in dict.fromkeys([*near[:_RIVALS], *far])]
+            self.rivals += fits
+            if rejected:
+                fits += self._other_forms(fit, effect_parameters, base)
+                starts = scores.candidates_of(effect_parameters)[1 : 1 + _STARTS]
+                fits += [self.add_candidates(scores, (k,)) for k in starts]
+            for other in fits:
+                if penalised_cost(other) < penalised_cost(best) and self._acceptable(other):
                     best = other
         return best
 
-    def _forms(self, fit: Fit, slot: EffectParameters, base: Fit) -> list[Fit]:
-        """Other forms of an effect (placed, hourly), begun from what is known of it."""
-        forms = [other for other in self.study.library if other is not slot and same(other, slot)]
+    def _other_forms(self, fit: EffectFit, effect_parameters: EffectParameters, base: EffectFit) -> list[EffectFit]:
+        """Fits of other forms of an effect (placed, hourly), started from its fitted positions and hours."""
+        same = [other for other in self.problem.library if same_effect_and_target(other, effect_parameters)]
+        forms = [other for other in same if other is not effect_parameters]
         if not forms:
             return []
-        sizes = {parameter.name for parameter in slot.effect.parameters if parameter.is_size}
-        known = {name: value for name, value in slot.values(fit.theta).items() if name not in sizes}
-        ranked = screen(base, candidate_jacobian_of_forms(self.study, base, forms, known), self.random)
-        made = [self.add(ranked, (k,)) for k in ranked.best(_FORMS) if ranked.gain[k] >= _comparable(base, fit)]
-        # what stood in for the right form may be needless beside it
-        return [*made, *(self.without(other, partner) for other in made for partner in base.active)]
+        sizes = {parameter.name for parameter in effect_parameters.effect.parameters if parameter.is_size}
+        known = {name: value for name, value in effect_parameters.values(fit.theta).items() if name not in sizes}
+        scores = score_candidates(base, candidate_jacobian_of_forms(self.problem, base, forms, known), self.random)
+        chosen = [k for k in scores.best(_FORMS) if scores.gain[k] >= _comparable(base, fit)]
+        fits = [self.add_candidates(scores, (k,)) for k in chosen]
+        # an effect that replaced the right form may not be needed beside it
+        return [*fits, *(self.without(other, partner) for other in fits for partner in base.active)]
 
-    def wanting(self, fit: Fit) -> float:
-        """The p-value of what one effect more would explain, where there are as many as are looked for; else 1."""
-        if len(fit.active) < _MOST_EFFECTS:
+    def p_value_of_one_more(self, fit: EffectFit) -> float:
+        """The p-value of one effect more, where the fit has the largest number allowed; else 1."""
+        if len(fit.active) < _MAX_EFFECTS:
             return 1.0
-        ranked = self.screen(fit)
-        largest = float(ranked.gain.max(initial=0.0))
-        return 1.0 if largest < self._own_form(fit) else ranked.p_value(largest)
+        scores = self.score_candidates(fit)
+        largest = float(scores.gain.max(initial=0.0))
+        return 1.0 if largest < self._model_error_allowance(fit) else scores.p_value(largest)
 
-    def named(self, fit: Fit) -> tuple[NamedEffect, ...]:
-        """Each effect with its sizes, what it explains, and who else could."""
-        found = []
-        for slot in fit.active:
-            base = self.without(fit, slot)
-            ranked = self.screen(base)
-            places = ranked.groups.get(slot)
+    def named_effects(self, fit: EffectFit) -> tuple[NamedEffect, ...]:
+        """Each effect of a fit with its parameters, its gain and its rivals, largest gain first."""
+        named_effects = []
+        for effect_parameters in fit.active:
+            base = self.without(fit, effect_parameters)
+            scores = self.score_candidates(base)
+            indices = scores.by_effect.get(effect_parameters)
             gain = base.cost - fit.cost
-            expected = float(ranked.gain[places].max()) if places is not None else float("nan")
-            rest = base.active
+            expected = float(scores.gain[indices].max()) if indices is not None else float("nan")
+            values = {p.name: (float(fit.theta[i]), fit.std(i)) for i, p in effect_parameters.indexed_parameters}
+            close = [other for other in self.rivals if penalised_cost(other) - penalised_cost(fit) < RIVAL]
             rivals = [
-                other
-                for other in self.rivals
-                if weighed(other) - weighed(fit) < RIVAL and set(rest) < set(other.active) and not refusal(other)
+                other for other in close if set(base.active) < set(other.active) and not reason_for_refusal(other)
             ]
-            found.append(
-                NamedEffect(
-                    slot,
-                    {
-                        p.name: (float(fit.theta[i]), fit.std(i))
-                        for p, i in zip(slot.effect.parameters, slot.indices, strict=True)
-                    },
-                    expected,
-                    gain,
-                    ranked.p_value(gain),
-                    tuple(next(s for s in other.active if s not in rest) for other in rivals),
-                    windows(fit, slot),
-                )
-            )
-        return tuple(sorted(found, key=lambda named: -named.gain))
+            alternatives = tuple(next(e for e in other.active if e not in base.active) for other in rivals)
+            windows = effect_by_window(fit, effect_parameters)
+            p_value = scores.p_value(gain)
+            named_effects.append(NamedEffect(effect_parameters, values, expected, gain, p_value, alternatives, windows))
+        return tuple(sorted(named_effects, key=lambda named: -named.gain))
 
 
-def _joint_gain(screened: Screen, chosen: tuple[int, ...]) -> float:
-    places = np.array(chosen)
-    score = screened.score[places]
-    return float(score @ np.linalg.lstsq(screened.cosine[np.ix_(places, places)], score, rcond=None)[0])
-
-
-def _comparable(base: Fit, fit: Fit) -> float:
-    """The expected gain over the base from which a refit may come near what the fit gains, in -2 log L."""
-    return (1 - _CLOSE) * (base.cost - fit.cost) - RIVAL
+def _comparable(base: EffectFit, fit: EffectFit) -> float:
+    """The expected gain in `-2 log L` over the base from which a refit may be comparable with the fit."""
+    return (1 - _EXCHANGE_MARGIN) * (base.cost - fit.cost) - RIVAL

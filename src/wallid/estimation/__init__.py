@@ -5,14 +5,14 @@ from .heat_flux import ThermalProperties
 from .iso_9869 import AverageMethod, average_method
 from .many_walls import WallEstimates, estimate_walls
 from .many_windows import CampaignEstimate, campaign
-from .prediction import Loads, Prediction, predict
+from .prediction import HeatLoads, Prediction, predict
 from .result_objects import Estimate
 
 __all__ = [
     "AverageMethod",
     "CampaignEstimate",
     "Estimate",
-    "Loads",
+    "HeatLoads",
     "Prediction",
     "ThermalProperties",
     "WallEstimates",

@@ -1,7 +1,8 @@
-"""From a minimum to an estimate: its interval, its verdict, and the paper's simple one beside it."""
+"""From a fit to an `Estimate`: interval and reliability by GLS, or the paper's simple standard error."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,8 @@ from ..inference.generalised_least_squares import fit_generalised_least_squares
 from ..inference.gls_fit import GLSFit
 from ..inference.identifiability import identifiability
 from ..inference.likelihood import HIGHEST, LOWEST
-from ..inference.nuisance_parameters import instrument_errors_of
+from ..inference.nuisance_parameters import NUISANCE_KINDS, NuisanceKind, WallParameters
+from ..inference.parameters import kind_of, target_of
 from ..inference.parametric_bootstrap import bootstrap
 from ..inference.quantity import NORMAL_95, Quantity, lognormal
 from ..inference.validity import why_strained, why_too_coarse, why_too_faint, why_unreliable, why_unsteady
@@ -28,176 +30,209 @@ from ..models.wall_parameters import film_at, layer_ratios, std_of
 from ..models.window_inputs import WindowData, full_order_model
 from .result_objects import Estimate
 
-_FAR = 3.0  # from the prior: the prior is tried as a start as well
-_MOST_MINIMA = 4
+_FAR_FROM_PRIOR = 3.0  # a start that is further from the prior by this factor: the prior is tried as a start as well
+_MAX_MINIMA = 4
+_INSTRUMENT_ERRORS = {"offsets": "sensor_offset", "positions": "sensor_position", "face_positions": "face_position"}
 
 
 @dataclass(frozen=True, eq=False)
 class InitialFit:
-    """What the paper's iteration gave, and what it was given."""
+    """The result of the paper's weighted least squares, with its data and model.
+
+    Args:
+        data, system: of the window; the outputs are the sensors, then the plates if any.
+        weighted_fit: the paper's iteration; None where it is omitted (heat flux or free wall parameters).
+        reduced: whether `system` is a reduced-order model.
+        model_description: the model as text.
+    """
 
     case: Case
     window: Window
     data: WindowData
     system: StateSpace
-    fit: WeightedFit | None
+    weighted_fit: WeightedFit | None
     reduced: bool
-    words: str
+    model_description: str
 
     @property
     def present(self) -> np.ndarray:
-        """Where there is a reading."""
+        """Where a reading is present, `(time, output)`."""
         return np.asarray(self.data.weight) > 0
 
-    def apart(self, diffusivity: float) -> np.ndarray | None:
-        """The large model's predictions less the reduced one's, K, of a flux q L / k; None for the large one."""
+    def reduction_error(self, diffusivity: float) -> np.ndarray | None:
+        """Full-order minus reduced-order predictions, K (a flux as q L / k); None for a full-order model."""
         if not self.reduced or not np.isfinite(diffusivity):
             return None
         plates = plate_outputs(self.case) if self.data.observed.shape[1] > len(self.case.sensors) else []
-        fourier = on_device(scales(self.case).fourier(diffusivity))
+        fourier = on_device(scales(self.case).fourier_number(diffusivity))
         return np.asarray(model_difference(full_order_model(self.case, plates), self.system, self.data, fourier))
 
     def history(self, traces: tuple[Trace, ...] = ()) -> dict[str, np.ndarray]:
-        """The iterates, those of later rounds appended."""
-        start = self.case.wall.diffusivity_prior
-        rows = [] if self.fit is None else [_rows(self.fit.trace, np.asarray(self.fit.trace.parameters)[:, 0])]
-        rows += [_rows(trace, start * np.exp(np.asarray(trace.parameters)[:, 0])) for trace in traces]
-        return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+        """The iterates of the paper's iteration, then those of the GLS rounds."""
+        prior, fit = self.case.wall.diffusivity_prior, self.weighted_fit
+        parts = [] if fit is None else [_iterates(fit.trace, np.asarray(fit.trace.parameters)[:, 0])]
+        parts += [_iterates(trace, prior * np.exp(np.asarray(trace.parameters)[:, 0])) for trace in traces]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
-    def finished(self, **found) -> Estimate:
-        """An estimate with what every kind of it has."""
+    def to_estimate(self, **fields) -> Estimate:
+        """An `Estimate` from these fields and those that both kinds of estimate have in common."""
+        fit = self.weighted_fit
         return Estimate(
-            iterations=0 if self.fit is None else int(self.fit.trace.count) - 1,
-            evaluations=0 if self.fit is None else int(self.fit.evaluations),
+            iterations=0 if fit is None else int(fit.trace.count) - 1,
+            evaluations=0 if fit is None else int(fit.evaluations),
             profile=fit_profile(self.case, self.window.row),
-            model=self.words,
+            model_description=self.model_description,
             window=self.window,
-            **found,
+            **fields,
         )
 
 
-def _rows(trace: Trace, diffusivity) -> dict[str, np.ndarray]:
+def _iterates(trace: Trace, diffusivity) -> dict[str, np.ndarray]:
     count = int(trace.count)
     columns = {"diffusivity": diffusivity, "cost": trace.cost, "gamma_1": trace.gamma_1, "gamma_2": trace.gamma_2}
     return {name: np.asarray(column)[:count] for name, column in columns.items()}
 
 
 def gls_minima(
-    told: InitialFit, eta: float, explicit_theta: bool, integrator: Integrator, start: float | None = None
+    initial: InitialFit,
+    eta: float,
+    explicit_theta: bool,
+    integrator: Integrator,
+    start: float | None = None,
+    kinds: Sequence[NuisanceKind] = NUISANCE_KINDS,
 ) -> tuple[GLSFit, list[GLSFit]]:
-    """The best minimum under the full covariance, and others that the record does not exclude.
+    """The best minimum of the GLS cost, and others that the record does not exclude.
 
-    Looked for from the paper's estimate, from the prior where that is far away, and from wherever the cost of one of
-    these is lower.
+    The search starts from the paper's estimate (else from `start`), from the prior where that is far away, and from
+    every diffusivity at which a profile likelihood was found to be lower.
     """
-    prior = told.case.wall.diffusivity_prior
-    if told.fit is not None:
-        start = float(np.asarray(told.fit.trace.parameters)[int(told.fit.trace.count) - 1, 0])
+    prior = initial.case.wall.diffusivity_prior
+    if (weighted := initial.weighted_fit) is not None:
+        start = float(np.asarray(weighted.trace.parameters)[int(weighted.trace.count) - 1, 0])
     first = prior if start is None else start
     starts = [first] if LOWEST * 1.001 < first < HIGHEST / 1.001 else []
-    if not starts or abs(np.log(first / prior)) > np.log(_FAR):
+    if not starts or abs(np.log(first / prior)) > np.log(_FAR_FROM_PRIOR):
         starts.append(prior)
-    found: list[GLSFit] = []
-    while starts and len(found) < _MOST_MINIMA:
+    fits: list[GLSFit] = []
+    while starts and len(fits) < _MAX_MINIMA:
         one = fit_generalised_least_squares(
-            told.case, told.window, told.data, told.system, starts.pop(0),
-            eta=eta, explicit_theta=explicit_theta, integrator=integrator,
+            initial.case, initial.window, initial.data, initial.system, starts.pop(0),
+            eta=eta, explicit_theta=explicit_theta, integrator=integrator, kinds=kinds,
         )  # fmt: skip
-        found.append(one)
+        fits.append(one)
         if one.interval.deeper is not None:
             starts.append(prior * float(np.exp(one.interval.deeper)))
-    found = sorted((one for one in found if np.isfinite(one.evidence)), key=lambda one: one.evidence) or found
-    best = found[0]
-    return best, [one for one in found[1:] if one.evidence - best.evidence < best.quantile**2]
+    fits = sorted((one for one in fits if np.isfinite(one.evidence)), key=lambda one: one.evidence) or fits
+    best = fits[0]
+    return best, [one for one in fits[1:] if one.evidence - best.evidence < best.quantile**2]
 
 
-def estimate_from_gls(told: InitialFit, settled: GLSFit, others: list[GLSFit], draws: int) -> Estimate:
-    """Interval and verdict from the minimum under the full covariance."""
-    case, names, best = told.case, settled.names, settled.minimum
-    value, std_log = settled.diffusivity, settled.log_std
-    apart = told.apart(value)
-    shift = 0.0 if apart is None else settled.model_shift(apart)
-    found = settled.interval
+def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[GLSFit], draws: int) -> Estimate:
+    """The estimate with its interval and its reliability, from the best GLS fit.
+
+    The interval spans the intervals of all minima that the record does not exclude, and the error of a reduced-order
+    model is added in quadrature.
+
+    Args:
+        initial: data and model of the window.
+        best_fit, other_minima: as from `gls_minima`.
+        draws: of a parametric bootstrap; 0 for none.
+
+    Returns:
+        the estimate, with `reliable` False and a reason where the record does not determine the diffusivity.
+    """
+    case, best = initial.case, best_fit.minimum
+    value, std_log = best_fit.diffusivity, best_fit.log_std
+    reduction_error = initial.reduction_error(value)
+    shift = 0.0 if reduction_error is None else best_fit.model_shift(reduction_error)
+    interval = best_fit.interval
     low, high = (
-        pick(getattr(one.interval, end) for one in (settled, *others)) for pick, end in ((min, "low"), (max, "high"))
+        pick(getattr(one.interval, end) for one in (best_fit, *other_minima))
+        for pick, end in ((min, "low"), (max, "high"))
     )
-    kind = found.kind if (low, high) == (found.low, found.high) else "profile likelihood"
+    kind = interval.kind if (low, high) == (interval.low, interval.high) else "profile likelihood"
     ends = [
-        float(np.exp(np.clip(np.sign(end) * np.hypot(end, settled.quantile * shift), -700.0, 700.0))) * value
-        for end in (low - settled.log_alpha, high - settled.log_alpha)
+        float(np.exp(np.clip(np.sign(end) * np.hypot(end, best_fit.quantile * shift), -700.0, 700.0))) * value
+        for end in (low - best_fit.log_alpha, high - best_fit.log_alpha)
     ]
-    free, widths = np.asarray(best.parameters)[1:], np.sqrt(np.diag(settled.covariance))[1:]
-    constants: dict[str, dict[str, tuple[float, float]]] = {"offsets": {}, "positions": {}, "face_positions": {}}
-    for k, one in enumerate(instrument_errors_of(case, names)):
-        constants[one.kind][one.name] = (float(one.std * free[k]), float(one.std * widths[k]))
-    singular = np.linalg.svd(settled.jacobian, compute_uv=False) if settled.finite else np.array([np.nan])
-    bounds = float(settled.problem.lowest), float(settled.problem.highest)
+    parameters = {name: (float(best_fit.parameters[name]), best_fit.std(name)) for name in best_fit.names[1:]}
+    instrument_errors = {
+        field: {target_of(name): value for name, value in parameters.items() if kind_of(name) == kind}
+        for field, kind in _INSTRUMENT_ERRORS.items()
+    }
+    singular = np.linalg.svd(best_fit.jacobian, compute_uv=False) if best_fit.finite else np.array([np.nan])
+    bounds = float(best_fit.problem.lowest), float(best_fit.problem.highest)
     reason = why_unreliable(case, value, (ends[0], ends[1]), singular, bool(best.converged), bounds)
-    reason = reason or why_too_coarse(shift, std_log) or why_too_faint(case, settled)
-    reason = reason or why_strained(case, settled) or why_unsteady(settled)
-    covariance = settled.covariance.copy()
+    reason = reason or why_too_coarse(shift, std_log) or why_too_faint(case, best_fit)
+    reason = reason or why_strained(case, best_fit) or why_unsteady(best_fit)
+    covariance = best_fit.covariance.copy()
     covariance[0, 0] += shift**2
-    return told.finished(
+    return initial.to_estimate(
         value=value,
         std=value * float(np.hypot(std_log, shift)),
         interval_95=(ends[0], ends[1]),
         interval_kind=kind,
-        **constants,
-        result="converged" if bool(best.converged) else "stopped at the largest number of iterations",
+        **instrument_errors,
+        parameters=parameters,
+        message="converged" if bool(best.converged) else "stopped at the largest number of iterations",
         reliable=not reason,
         reason=reason,
-        rounds=settled.rounds,
-        history=told.history((best.trace,)),
-        reduced_chi_square=settled.reduced_chi_square,
-        noise=_noise_words(settled),
-        shares=settled.shares() if not reason else {},
+        rounds=best_fit.iterations,
+        history=initial.history((best.trace,)),
+        reduced_chi_square=best_fit.reduced_chi_square,
+        noise_description=_noise_description(best_fit),
+        variance_shares=best_fit.shares() if not reason else {},
         predicted=np.asarray(best.predicted),
-        residual=np.where(told.present, np.asarray(told.data.observed) - np.asarray(best.predicted), np.nan),
+        residual=np.where(initial.present, np.asarray(initial.data.observed) - np.asarray(best.predicted), np.nan),
         covariance=covariance,
         singular_values=singular,
         model_shift=shift,
-        identifiability=identifiability(case, settled) if settled.finite and names.count else None,
-        structure=_structure(case, settled),
-        bootstrap=bootstrap(settled, draws, case.choices.seed) if draws and not reason else None,
+        identifiability=identifiability(case, best_fit) if best_fit.finite and len(best_fit.names) > 1 else None,
+        wall_parameters=_wall_parameters(case, best_fit),
+        bootstrap=bootstrap(best_fit, draws, case.choices.seed) if draws and not reason else None,
     )
 
 
-def _structure(case: Case, settled: GLSFit) -> dict[str, Quantity]:
-    """The wall's own parameters that were free: each layer's diffusivity, and films."""
-    names, found = settled.names.structure, {}
-    if not names or not settled.finite:
+def _wall_parameters(case: Case, fit: GLSFit) -> dict[str, Quantity]:
+    """The estimated parameters of the wall beside its diffusivity: layer diffusivities and film lengths."""
+    indices, quantities = fit.indices(WallParameters.kind), {}
+    if not len(indices) or not fit.finite:
         return {}
-    places = slice(1 + settled.names.of_structure.start, 1 + settled.names.of_structure.stop)
-    z, spread = np.asarray(settled.minimum.parameters)[places], settled.covariance
-    picked = [0, *range(places.start, places.stop)]
-    spread = spread[np.ix_(picked, picked)]
+    names, z = [target_of(fit.names[k]) for k in indices], fit.z[indices]
+    used = [0, *indices.tolist()]
+    covariance = fit.covariance[np.ix_(used, used)]
     if any(name.startswith("layer") for name in names):
         ratios = layer_ratios(case, names, z)
         for i, ratio in enumerate(ratios):
-            slope = [np.log(layer_ratios(case, names, z + step)[i] / ratio) for step in 1e-5 * np.eye(len(z))]
-            along = np.array([1.0, *(np.array(slope) / 1e-5)])
-            found[f"layer {i + 1}"] = lognormal(
-                settled.diffusivity * float(ratio), float(along @ spread @ along), settled.quantile, "m2/s"
+            derivative = [np.log(layer_ratios(case, names, z + step)[i] / ratio) for step in 1e-5 * np.eye(len(z))]
+            combination = np.array([1.0, *(np.array(derivative) / 1e-5)])
+            quantities[f"layer {i + 1}"] = lognormal(
+                fit.diffusivity * float(ratio), float(combination @ covariance @ combination), fit.quantile, "m2/s"
             )
     for side, length in zip(SIDES, film_at(case, names, z), strict=True):
         if (name := f"film_{side}") in names:
-            place = 1 + names.index(name)
-            variance = std_of(name) ** 2 * float(spread[place, place])
-            found[name] = lognormal(length, variance, settled.quantile, "m")
-    return found
+            index = 1 + names.index(name)
+            variance = std_of(name) ** 2 * float(covariance[index, index])
+            quantities[name] = lognormal(length, variance, fit.quantile, "m")
+    return quantities
 
 
-def _noise_words(settled: GLSFit) -> str:
-    if settled.robust is not None:
-        return f"weighted as stated, the interval by {settled.robust}"
-    return str(settled.noise) if settled.estimated else "noise as stated"
+def _noise_description(fit: GLSFit) -> str:
+    """The noise that the interval is based on, as text."""
+    if fit.robust is not None:
+        return f"weighted as stated, the interval by {fit.robust}"
+    return str(fit.noise) if fit.estimated else "noise as stated"
 
 
-def initial_estimate(told: InitialFit) -> Estimate:
-    """The paper's: plain weights, whose standard error takes noise and positions for white."""
-    case, data, fit = told.case, told.data, told.fit
+def initial_estimate(initial: InitialFit) -> Estimate:
+    """The paper's simple estimate: unweighted least squares.
+
+    Its standard error treats noise and position errors together as white noise with standard deviations S,
+    `Var(p) = (J' J)^-1 J' S^2 J (J' J)^-1`, times the reduced chi-square where that is above 1.
+    """
+    case, data, fit = initial.case, initial.data, initial.weighted_fit
     assert fit is not None
-    present, weight = told.present, np.asarray(data.weight)
+    present, weight = initial.present, np.asarray(data.weight)
     residual = np.asarray(data.observed) - np.asarray(fit.predicted)
     count = int(fit.trace.count)
     value = float(fit.trace.parameters[count - 1, 0])
@@ -209,8 +244,8 @@ def initial_estimate(told: InitialFit) -> Estimate:
     chi_square = float(np.sum((residual / noise)[present] ** 2) + np.sum(beta**2)) / freedom
     spread = spread * max(1.0, chi_square)
     noise_std_log, shift = float(np.sqrt(spread[0, 0])), 0.0
-    if (apart := told.apart(value)) is not None:
-        rows = np.concatenate([(weight * apart).reshape(-1), np.zeros(len(data.offsets))])
+    if (error := initial.reduction_error(value)) is not None:
+        rows = np.concatenate([(weight * error).reshape(-1), np.zeros(len(data.offsets))])
         shift = float(np.linalg.lstsq(np.asarray(fit.jacobian), rows)[0][0])
     spread[0, 0] += shift**2
     std_log = float(np.sqrt(spread[0, 0]))
@@ -220,7 +255,7 @@ def initial_estimate(told: InitialFit) -> Estimate:
     names = [case.sensors[s].name for s in data.offsets]
     reason = why_unreliable(case, value, interval, singular, bool(fit.converged))
     reason = reason or why_too_coarse(shift, noise_std_log)
-    return told.finished(
+    return initial.to_estimate(
         value=value,
         std=value * std_log,
         interval_95=interval,
@@ -228,10 +263,10 @@ def initial_estimate(told: InitialFit) -> Estimate:
             name: (float(std * beta), float(std * np.sqrt(variance)))
             for name, std, beta, variance in zip(names, offset_std, beta, np.diag(spread)[1:], strict=True)
         },
-        result="converged" if bool(fit.converged) else "stopped at the largest number of iterations",
+        message="converged" if bool(fit.converged) else "stopped at the largest number of iterations",
         reliable=not reason,
         reason=reason,
-        history=told.history(),
+        history=initial.history(),
         reduced_chi_square=chi_square,
         predicted=np.asarray(fit.predicted),
         residual=np.where(present, residual, np.nan),

@@ -1,13 +1,14 @@
-"""The estimate: Gauss-Newton through optimistix, its interval, and whether it can be relied on.
+"""The diffusivity of one window: the paper's Gauss-Newton iteration, then generalised least squares (GLS).
 
-First the paper's iteration, each reading by itself (`least_squares`); from there the likelihood under the full
-covariance (`interval`): the sensors' noise and the faces', which goes through the wall, as white noise and as noise
-that remembers, with offsets, position errors and the initial profile free within their priors.
+The paper's iteration treats the readings as independent (`weighted_least_squares`). GLS continues from its result with
+the full covariance: sensor noise and face noise, which propagates through the wall, each white or autocorrelated;
+offsets, position errors and the initial profile are nuisance parameters with priors.
 """
 
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -19,10 +20,11 @@ from .._internal.errors import InputError
 from .._internal.validation import one_of
 from ..case.case_definition import Case
 from ..case.initial_profile import scales
-from ..case.time_window import HasBest, Window, as_window, check_unbroken, whole
+from ..case.time_window import HasBestWindow, Window, as_window, check_unbroken, entire_record
 from ..inference.gls_fit import GLSFit
 from ..inference.likelihood import HIGHEST, LOWEST
-from ..inference.weighted_least_squares import fit_weighted_least_squares, paper_sigma
+from ..inference.nuisance_parameters import NUISANCE_KINDS, NuisanceKind
+from ..inference.weighted_least_squares import fit_weighted_least_squares
 from ..models.flux_plates import fluxes_of, with_flux
 from ..models.integration import Integrator
 from ..models.plate_model import full_order_model_with_plates
@@ -32,28 +34,17 @@ from ..models.window_inputs import check_driven, full_order_model, window_data
 from ..reduction.modal_identification import LearnedModel
 from ..reduction.training_signals import learn
 from .conclusion import InitialFit, estimate_from_gls, gls_minima, initial_estimate
-from .heat_flux import thermal
+from .heat_flux import thermal_properties
 from .result_objects import Estimate
 
-__all__ = [
-    "HIGHEST",
-    "LOWEST",
-    "Estimate",
-    "estimate",
-    "fit_weighted_least_squares",
-    "paper_sigma",
-    "seconds_of_estimate",
-    "theta_kelvin",
-]
-
-_FEWEST_TIMED, _MOST_TIMED = 3, 30  # runs that an estimate's cost is the median of
-_TIMED_FOR = 0.3  # s, after which the fewest are enough
-_FEWEST_DRAWS = 20  # of a bootstrap that is to give a 95 % interval
+_MIN_TIMED_RUNS, _MAX_TIMED_RUNS = 3, 30  # computing time is the median over this many runs
+_TIMED_SECONDS = 0.3  # s, after which the minimum number of runs is enough
+_MIN_DRAWS = 20  # of a bootstrap, for a 95 % interval
 
 
 def estimate(
     case: Case,
-    window: Window | HasBest | None = None,
+    window: Window | HasBestWindow | None = None,
     model: StateSpace | LearnedModel | None = None,
     *,
     start: float | None = None,
@@ -62,25 +53,41 @@ def estimate(
     integrator: Integrator = "propagator",
     eta: float | None = None,
     draws: int = 0,
+    nuisance: Sequence[NuisanceKind] = NUISANCE_KINDS,
 ) -> Estimate:
-    """The diffusivity of a case from one window of its record.
+    """Estimate the diffusivity of a case from one window of its record.
+
+    Minimises `(y - f(p))' R^-1 (y - f(p)) + z' z` over `p = (ln(alpha), z)`, with z the nuisance parameters in units of
+    their prior standard deviations and R the covariance of the readings' noise.
 
     Args:
-        window: None for the whole record, or its longest unbroken part.
-        model: None for the case's choice: the large model, or a reduced one learned for the window. With heat flux in
-            the record the large model is taken, unless the one given has the plates' outputs too (`learn` with
-            `plates`); with more of the wall free (`[choices] free`) it is, whatever is given.
-        start: m2/s; None for the case's prior.
-        weights: the full covariance of the readings, or the paper's plain sum of squares, whose standard error
-            takes the paper's simple sigma for white noise.
-        sensitivity: the explicit theta system, or autodiff (with a free H_theta, the first).
-        eta: the stopping criterion on the relative change of the diffusivity, and by its square the one
-            on the cost's, not under 1e-14; None for the case's.
+        window: rows of the record; None for the whole record, or its longest unbroken part.
+        model: None for the model in the case's `[choices]`: the full-order model, or a reduced-order model learned for
+            the window. With heat flux in the record the full-order model is used, unless the given model has the
+            plates' outputs (`learn` with `plates`). With other free wall parameters (`[choices] free`) it is always
+            used.
+        start: initial diffusivity, m2/s; None for the case's prior.
+        weights: "noise" for the full covariance of the readings; "none" for the paper's unweighted sum of squares,
+            whose standard error treats the paper's simple sigma as white noise.
+        sensitivity: "explicit" for the theta system, "autodiff" for automatic differentiation. With an untied H_theta
+            use "explicit".
+        integrator: time integration of the model.
+        eta: stopping criterion on the relative change of the diffusivity; its square, but at least 1e-14, is the one on
+            the cost. None for the case's.
         draws: of a parametric bootstrap that checks the interval; 0 for none.
+        nuisance: kinds of nuisance parameters; add one of your own to `NUISANCE_KINDS` (`weights` "noise").
+
+    Returns:
+        the diffusivity with its interval, and all about the fit.
 
     Raises:
-        InputError: a reduced model that does not know what a face of this window does.
-            Or a start outside `LOWEST` to `HIGHEST`, an unknown choice, or too few draws.
+        InputError: a reduced-order model lacks an input of this window, the start is outside `LOWEST` to `HIGHEST`, an
+            option is unknown, or there are too few draws.
+
+    Example:
+        `fit = wallid.estimate(case, wallid.design(case))`
+
+    Source: Berger and Kadoch, Section 4.2; G. A. F. Seber, C. J. Wild, Nonlinear Regression (1989), 5.4.
     """
     one_of("weights", weights, ("noise", "none"))
     one_of("sensitivity", sensitivity, ("explicit", "autodiff"))
@@ -88,7 +95,7 @@ def estimate(
     if not LOWEST < start < HIGHEST:
         raise InputError(f"start = {start} m2/s; it must lie between {LOWEST} and {HIGHEST}")
     check_draws(draws, weights)
-    window = whole(case) if window is None else as_window(window)
+    window = entire_record(case) if window is None else as_window(window)
     check_unbroken(case, window)
     if case.choices.free and weights == "none":
         raise InputError('[choices] free: --weights none estimates the diffusivity alone; take "noise"')
@@ -96,69 +103,68 @@ def estimate(
     if weights == "none" and not case.sensors:
         raise InputError(f"{case.path}: no [[sensor]]: --weights none takes temperatures inside the wall, not fluxes")
     if (fluxes_of(case) or case.choices.free) and weights == "noise":
-        if model is None or case.choices.free or not _has_plates(case, model):
+        if model is None or case.choices.free or not _has_plate_outputs(case, model):
             model = full_order_model_with_plates(case)
-        return fit_with_flux(
-            case, window, model, start, eta,
-            explicit_theta=sensitivity == "explicit", integrator=integrator, draws=draws,
-        )[0]  # fmt: skip
-    if model is None:
+    elif model is None:
         model = full_order_model(case) if case.choices.model == "lom" else learn(case, window, integrator=integrator)
-    told = initial_fit(
-        case, window, model, start, eta, weighted=weights == "noise", sensitivity=sensitivity, integrator=integrator
-    )
+    explicit_theta = sensitivity == "explicit"
     if weights == "none":
-        return initial_estimate(told)
-    settled, others = gls_minima(told, eta, sensitivity == "explicit", integrator)
-    return estimate_from_gls(told, settled, others, draws)
+        return initial_estimate(_initial_fit(case, window, model, start, eta, explicit_theta, integrator, False))
+    return estimate_by_gls(
+        case,
+        window,
+        model,
+        start,
+        eta,
+        explicit_theta=explicit_theta,
+        integrator=integrator,
+        draws=draws,
+        nuisance=nuisance,
+    )[0]
 
 
-def initial_fit(
+def _initial_fit(
     case: Case,
     window: Window,
     model: StateSpace | LearnedModel,
     start: float,
     eta: float,
-    *,
+    explicit_theta: bool,
+    integrator: Integrator,
     weighted: bool = True,
-    sensitivity: Literal["explicit", "autodiff"] = "explicit",
-    integrator: Integrator = "propagator",
 ) -> InitialFit:
-    """The paper's iteration, from which the rounds under the full covariance go on.
-
-    Arguments: as in `estimate`.
-    """
-    system, words, reduced = _named(case, model)
+    """The paper's iteration, whose result is the start of the GLS rounds."""
+    system, description, reduced = _system_and_description(case, model)
     check_driven(system, case, window)
     system = system.select(list(range(len(case.sensors))))
     data = window_data(case, window, weighted=weighted)
     fit = fit_weighted_least_squares(
         system,
         data,
-        on_device(scales(case).fourier(1.0)),
+        on_device(scales(case).fourier_number(1.0)),
         on_device(start),
         on_device(eta),
-        explicit_theta=sensitivity == "explicit",
+        explicit_theta=explicit_theta,
         integrator=integrator,
         max_iterations=case.choices.max_iterations,
     )
-    return InitialFit(case, window, data, system, fit, reduced, words)
+    return InitialFit(case, window, data, system, fit, reduced, description)
 
 
-def _has_plates(case: Case, model: StateSpace | LearnedModel) -> bool:
-    """Whether a model gives out what the case's sensors and plates read."""
+def _has_plate_outputs(case: Case, model: StateSpace | LearnedModel) -> bool:
+    """Whether a model's outputs are the case's sensors and plates."""
     system = model.system if isinstance(model, LearnedModel) else model
     return system.C.shape[0] == len(case.sensors) + len(fluxes_of(case))
 
 
-def _named(case: Case, model: StateSpace | LearnedModel) -> tuple[StateSpace, str, bool]:
-    """A model's system, what it is in words, and whether it is a reduced one."""
+def _system_and_description(case: Case, model: StateSpace | LearnedModel) -> tuple[StateSpace, str, bool]:
+    """A model's system, its description, and whether it is a reduced-order model."""
     system = model.system if isinstance(model, LearnedModel) else model
     reduced = isinstance(model, LearnedModel) or system.order < case.choices.nodes - 2
-    return system, f"{'reduced' if reduced else 'large'} model of order {system.order}", reduced
+    return system, f"{'reduced' if reduced else 'full'}-order model of order {system.order}", reduced
 
 
-def fit_with_flux(
+def estimate_by_gls(
     case: Case,
     window: Window,
     model: StateSpace | LearnedModel,
@@ -168,56 +174,64 @@ def fit_with_flux(
     explicit_theta: bool = True,
     integrator: Integrator = "propagator",
     draws: int = 0,
+    nuisance: Sequence[NuisanceKind] = NUISANCE_KINDS,
 ) -> tuple[Estimate, GLSFit]:
-    """The estimate of a case with heat flux, or with more of the wall free.
+    """The estimate with the full covariance, and the GLS fit that it is computed from.
+
+    The paper's iteration gives the start. With heat flux or other free wall parameters it is omitted.
 
     Args:
-        model: its outputs are the sensors, then the plates: `whole_model`, or a reduced one; the others as in
-            `estimate`.
+        model: its outputs are the sensors, then the plates. The other arguments are as in `estimate`.
     """
-    plates, (system, words, reduced) = fluxes_of(case), _named(case, model)
-    check_driven(system, case, window)
-    words += f", with the flux of the {' and the '.join(plates)} face" if plates else ""
-    words += f", free: {', '.join(case.choices.free).replace('_', ' ')}" if case.choices.free else ""
-    data = with_flux(case, window, window_data(case, window))
-    told = InitialFit(case, window, data, system, None, reduced, words)
-    settled, others = gls_minima(told, eta, explicit_theta, integrator, start)
-    fit = estimate_from_gls(told, settled, others, draws)
-    steps = int(settled.minimum.trace.count) - 1
-    found = thermal(case, window, settled) if plates else None
-    return replace(fit, thermal=found, iterations=steps, evaluations=steps + 1), settled
+    plates = fluxes_of(case)
+    if plates or case.choices.free:
+        system, description, reduced = _system_and_description(case, model)
+        check_driven(system, case, window)
+        description += f", with the flux of the {' and the '.join(plates)} face" if plates else ""
+        description += f", free: {', '.join(case.choices.free).replace('_', ' ')}" if case.choices.free else ""
+        data = with_flux(case, window, window_data(case, window))
+        initial = InitialFit(case, window, data, system, None, reduced, description)
+    else:
+        initial = _initial_fit(case, window, model, start, eta, explicit_theta, integrator)
+    best_fit, other_minima = gls_minima(initial, eta, explicit_theta, integrator, start, nuisance)
+    result = estimate_from_gls(initial, best_fit, other_minima, draws)
+    if initial.weighted_fit is None:
+        steps = int(best_fit.minimum.trace.count) - 1
+        thermal = thermal_properties(case, window, best_fit) if plates else None
+        result = replace(result, thermal=thermal, iterations=steps, evaluations=steps + 1)
+    return result, best_fit
 
 
 def check_draws(draws: int, weights: str = "noise") -> None:
-    """Refuse a bootstrap that could say nothing.
+    """Check the number of draws of a bootstrap.
 
     Raises:
-        InputError: too few draws, or one of the paper's plain cost.
+        InputError: too few draws, or a bootstrap of the paper's unweighted cost.
     """
-    if draws and (draws < _FEWEST_DRAWS or weights == "none"):
+    if draws and (draws < _MIN_DRAWS or weights == "none"):
         raise InputError(
-            f"--bootstrap {draws}: a 95 % interval needs at least {_FEWEST_DRAWS} draws"
+            f"--bootstrap {draws}: a 95 % interval needs at least {_MIN_DRAWS} draws"
             if weights == "noise"
             else '--bootstrap: it draws from the full covariance, which --weights none leaves out; take "noise"'
         )
 
 
 def seconds_of_estimate(case: Case, window: Window, model: StateSpace) -> float:
-    """What one warm estimate costs: the median of up to thirty in some tenths of a second, compilation apart."""
-    data, per_alpha = window_data(case, window), on_device(scales(case).fourier(1.0))
+    """The computing time of one estimate without compilation, s: the median over several runs."""
+    data, per_alpha = window_data(case, window), on_device(scales(case).fourier_number(1.0))
     start, eta = on_device(case.wall.diffusivity_prior), on_device(case.choices.eta)
     jax.block_until_ready(fit_weighted_least_squares(model, data, per_alpha, start, eta))
-    taken: list[float] = []
-    # a short one takes no longer than what else the machine does in between: a few would tell of that
-    while len(taken) < _FEWEST_TIMED or (len(taken) < _MOST_TIMED and sum(taken) < _TIMED_FOR):
+    seconds: list[float] = []
+    # a short run is as short as other processes' interruptions, so a few runs would not be enough
+    while len(seconds) < _MIN_TIMED_RUNS or (len(seconds) < _MAX_TIMED_RUNS and sum(seconds) < _TIMED_SECONDS):
         began = clock.perf_counter()
         jax.block_until_ready(fit_weighted_least_squares(model, data, per_alpha, start, eta))
-        taken.append(clock.perf_counter() - began)
-    return float(np.median(taken))
+        seconds.append(clock.perf_counter() - began)
+    return float(np.median(seconds))
 
 
-def theta_kelvin(system: StateSpace, case: Case, window: Window, diffusivity: float) -> np.ndarray:
-    """`dT/d(ln alpha)` at a model's outputs over a window, K, `(time, output)`; of a flux that of q L / k."""
-    fourier = scales(case).fourier(diffusivity)
+def sensitivity_in_kelvin(system: StateSpace, case: Case, window: Window, diffusivity: float) -> np.ndarray:
+    """`dT/d(ln alpha)` at the outputs of a model over a window, K, `(time, output)`; of a flux that of q L / k."""
+    fourier = scales(case).fourier_number(diffusivity)
     _, theta = explicit(system, fourier, window_data(case, window))
     return np.asarray(theta) * fourier * scales(case).temperature

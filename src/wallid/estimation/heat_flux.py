@@ -1,9 +1,9 @@
-"""What a heat flux adds: conductivity and heat capacity apart, resistance and transmittance, ISO 9869-1 beside them.
+"""Thermal properties from heat fluxes: conductivity, heat capacity, resistance and transmittance.
 
-A flux is an output like any other, `j = (1 + gain) (k T_ref / L) J(u; Fo)`, whose size tells the conductivity and
-whose course the diffusivity. With `k` and `alpha` of a wall of length L: `R = L / k`, areal capacity `L k / alpha`,
-`U = 1 / (R_si + R + R_se)`. R and the areal capacity follow from `k / L` and `alpha / L^2` alone: the length may be a
-guess.
+A flux is a further output, `j = (1 + gain) (k T_ref / L) J(u; Fo)`. Its amplitude gives the conductivity, its variation
+in time the diffusivity. For a wall of length L: `R = L / k`, areal heat capacity `L k / alpha`,
+`U = 1 / (R_si + R + R_se)`. R and the areal heat capacity depend on `k / L` and `alpha / L^2` only, so they do not
+depend on the stated length.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -18,27 +19,29 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..case.case_definition import Case
-from ..case.time_window import Window, whole
+from ..case.time_window import Window, entire_record
 from ..inference.generalised_least_squares import fit_generalised_least_squares
 from ..inference.gls_fit import GLSFit
-from ..inference.likelihood import LikelihoodProblem, NuisanceModel
+from ..inference.likelihood import LOG_CONDUCTIVITY, PLATE_GAIN, LikelihoodProblem, NuisanceModel
+from ..inference.parameters import target_of
 from ..inference.quantity import NORMAL_95, Quantity, lognormal
 from ..models.flux_plates import fluxes_of
 from ..models.window_inputs import window_data
 from .iso_9869 import AverageMethod, average_method
-from .pooled_mean import PooledMean, covariance_of, mean_of
+from .pooled_mean import PooledMean, covariance_with_shared_errors, pooled_mean
 
 R_SURFACES = 0.13 + 0.04  # m2 K/W, inside and outside (ISO 6946)
-_FEWEST_HALF = 50  # rows of a half that is to predict the other
+_MIN_HALF_ROWS = 50  # of the first half of a window, to predict the second half
 
 
 @dataclass(frozen=True)
-class HeldOut:
-    """The first half's estimate held against the flux of the second half.
+class HeldOutFlux:
+    """The flux of the second half of a window predicted with the estimate from the first half.
 
     Args:
-        coverage: share of the second half's readings within their 95 % interval. rms: W/m2, of what was missed.
-        hours: of each half. readings: in the second half.
+        coverage: fraction of the second half's readings inside their 95 % interval.
+        rms: root mean square of measured minus predicted, W/m2.
+        hours: length of each half, h. readings: number of readings in the second half.
     """
 
     coverage: float
@@ -56,17 +59,17 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class ThermalProperties:
-    """What the fluxes told of a wall.
+    """The thermal properties of a wall from temperatures and heat fluxes.
 
     Args:
         conductivity, heat_capacity: W/m/K and J/m3/K, for the stated length.
-        resistance, areal_heat_capacity: m2 K/W and J/m2/K, face to face, whatever the length.
-        transmittance: W/m2/K, with the standard surface resistances.
-        gains: per plate, what its calibration is off by: value, std, 1.
-        averages: the average method of ISO 9869-1 for each plate.
-        held_out: the first half against the second; None where a half is too short or without a flux, or for several
-            windows together.
-        assumed: whether the plates' calibration was assumed and not stated.
+        resistance, areal_heat_capacity: m2 K/W and J/m2/K, face to face; independent of the stated length.
+        transmittance: W/m2/K, with the standard surface resistances of ISO 6946.
+        plate_gains: calibration error of each plate: name -> (value, std), dimensionless.
+        average_methods: the average method of ISO 9869-1 for each plate.
+        held_out: the second half's flux predicted from the first half; None where a half is too short or has no flux,
+            and for several windows together.
+        gains_assumed: whether the plates' calibration uncertainty was assumed, not stated in the case.
     """
 
     conductivity: Quantity
@@ -74,10 +77,21 @@ class ThermalProperties:
     resistance: Quantity
     areal_heat_capacity: Quantity
     transmittance: Quantity
-    gains: dict[str, tuple[float, float]]
-    averages: tuple[AverageMethod, ...]
-    held_out: HeldOut | None
-    assumed: bool
+    plate_gains: dict[str, tuple[float, float]]
+    average_methods: tuple[AverageMethod, ...]
+    held_out: HeldOutFlux | None
+    gains_assumed: bool
+
+    @property
+    def quantities(self) -> dict[str, Quantity]:
+        """The five properties by name."""
+        names = ("conductivity", "heat_capacity", "resistance", "areal_heat_capacity", "transmittance")
+        return {name: getattr(self, name) for name in names}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The properties and the plates' calibration errors as plain numbers."""
+        gains = {face: {"value": value, "std": std} for face, (value, std) in self.plate_gains.items()}
+        return {name: one.result() for name, one in self.quantities.items()} | {"plate_gains": gains}
 
     def __str__(self) -> str:
         lines = [
@@ -87,78 +101,87 @@ class ThermalProperties:
             f"conductivity {self.conductivity}, for the stated length",
         ]
         lines += [
-            f"plate        {face}: calibration {gain:+.1%} +- {std:.1%}" for face, (gain, std) in self.gains.items()
+            f"plate        {face}: calibration {gain:+.1%} +- {std:.1%}"
+            for face, (gain, std) in self.plate_gains.items()
         ]
-        if self.assumed:
+        if self.gains_assumed:
             lines.append("             (5 % assumed; state [record] flux_gain_std)")
-        lines += [str(average) for average in self.averages]
+        lines += [str(average) for average in self.average_methods]
         return "\n".join([*lines, *([str(self.held_out)] if self.held_out is not None else [])])
 
 
-def thermal(case: Case, window: Window, settled: GLSFit) -> ThermalProperties:
-    """What the fluxes of a settled estimate tell."""
-    logs = _logs(settled, case.wall.length)
+def thermal_properties(case: Case, window: Window, fit: GLSFit) -> ThermalProperties:
+    """The thermal properties from a GLS fit with fluxes."""
+    logs = _log_properties(fit, case.wall.length)
 
-    def of(name: str, unit: str) -> Quantity:
-        value, along = logs[name]
-        return lognormal(math.exp(value), settled.variance(along), settled.quantile, unit)
+    def quantity(name: str, unit: str) -> Quantity:
+        value, combination = logs[name]
+        return lognormal(math.exp(value), fit.variance(combination), fit.quantile, unit)
 
     gains = {
-        face: (value, math.sqrt(settled.variance(along)))
-        for face in settled.names.fluxes
-        for value, along in [logs[face]]
+        face: (value, math.sqrt(fit.variance(combination)))
+        for face in fluxes_of(case)
+        for value, combination in [logs[face]]
     }
-    properties = of("conductivity", "W/m/K"), of("heat_capacity", "J/m3/K")
-    return _thermal(case, window, *properties, gains, _held_out(case, window, settled))
+    properties = quantity("conductivity", "W/m/K"), quantity("heat_capacity", "J/m3/K")
+    return _derived_properties(case, window, *properties, gains, _second_half_prediction(case, window, fit))
 
 
-def pooled_thermal(case: Case, windows: Sequence[GLSFit]) -> tuple[ThermalProperties, PooledMean]:
-    """What the fluxes of several windows tell together, and the mean of their ln(conductivity).
+def pooled_thermal_properties(case: Case, fits: Sequence[GLSFit]) -> tuple[ThermalProperties, PooledMean]:
+    """The thermal properties from several windows together, and the mean of their ln(conductivity).
 
-    The mean of each quantity's logarithm and of each plate's calibration, all windows with the same errors of the
-    instruments (`pooling`); the average method takes the whole record, or its longest unbroken part.
+    The logarithm of each property and the calibration error of each plate are pooled over the windows, whose
+    instrument errors are the same (`pooled_mean`). The average method is over the entire record, or its longest
+    unbroken part.
     """
-    logs, quantile = [_logs(one, case.wall.length) for one in windows], max(one.quantile for one in windows)
+    logs, quantile = [_log_properties(one, case.wall.length) for one in fits], max(one.quantile for one in fits)
     means = {}
-    told = [name for name, (_, along) in logs[0].items() if along.any()]  # a calibration may be known
-    for name in told:
-        values, along = (np.array(part) for part in zip(*(one[name] for one in logs), strict=True))
-        stds = np.sqrt([one.variance(way) for one, way in zip(windows, along, strict=True)])
-        shared = np.stack([one.of_constants(way) for one, way in zip(windows, along, strict=True)])
-        means[name] = mean_of(values, covariance_of(stds, shared), quantile)
+    estimated = [name for name, (_, combination) in logs[0].items() if combination.any()]  # a calibration may be exact
+    for name in estimated:
+        values, combinations = (np.array(part) for part in zip(*(one[name] for one in logs), strict=True))
+        stds = np.sqrt([one.variance(row) for one, row in zip(fits, combinations, strict=True)])
+        shared = np.stack(
+            [list(one.of_instrument_errors(row).values()) for one, row in zip(fits, combinations, strict=True)]
+        )
+        means[name] = pooled_mean(values, covariance_with_shared_errors(stds, shared), quantile)
 
-    def of(name: str, unit: str) -> Quantity:
+    def quantity(name: str, unit: str) -> Quantity:
         return lognormal(math.exp(means[name].value), means[name].std ** 2, means[name].quantile, unit)
 
     gains = {face: (means[face].value, means[face].std) if face in means else (0.0, 0.0) for face in fluxes_of(case)}
-    properties = of("conductivity", "W/m/K"), of("heat_capacity", "J/m3/K")
-    return _thermal(case, whole(case), *properties, gains, None), means["conductivity"]
+    properties = quantity("conductivity", "W/m/K"), quantity("heat_capacity", "J/m3/K")
+    return _derived_properties(case, entire_record(case), *properties, gains, None), means["conductivity"]
 
 
-def _logs(settled: GLSFit, length: float) -> dict[str, tuple[float, np.ndarray]]:
-    """ln(conductivity), ln(heat capacity) and each plate's gain, and what combination of the parameters each is."""
-    names, free, y = settled.names, settled.problem.nuisance, np.asarray(settled.minimum.parameters)
-    unit, place = np.eye(len(y)), 1 + names.conductivity
-    log_k = math.log(float(free.flux[0]) / float(settled.problem.data.temperature) * length) + free.log_std * y[place]
-    along_k = free.log_std * unit[place]
-    found = {
-        "conductivity": (log_k, along_k),
-        "heat_capacity": (log_k - math.log(settled.diffusivity), along_k - unit[0]),
+def _log_properties(fit: GLSFit, length: float) -> dict[str, tuple[float, np.ndarray]]:
+    """ln(conductivity), ln(heat capacity) and each plate's gain, each with its linear combination of the parameters."""
+    parameters, unit = fit.parameters, np.eye(len(fit.names))
+    reference = float(fit.problem.nuisance.flux[0]) / float(fit.problem.data.temperature) * length
+
+    def combination(name: str) -> np.ndarray:
+        """The parameter in its own unit, from the parameters in prior standard deviations."""
+        if name not in fit.names:  # known exactly
+            return np.zeros(len(fit.names))
+        return float(parameters.prior_std[parameters.index(name)]) * unit[fit.names.index(name)]
+
+    log_k, row_k = math.log(reference) + float(parameters[LOG_CONDUCTIVITY]), combination(LOG_CONDUCTIVITY)
+    logs = {
+        "conductivity": (log_k, row_k),
+        "heat_capacity": (log_k - math.log(fit.diffusivity), row_k - unit[0]),
     }
-    for face, gain, at in zip(names.fluxes, np.asarray(free.gain_std), range(place + 1, len(y)), strict=True):
-        found[face] = float(gain * y[at]), gain * unit[at]
-    return found
+    gains = parameters.of_kind(PLATE_GAIN)
+    return logs | {target_of(name): (float(parameters[name]), combination(name)) for name in gains}
 
 
-def _thermal(
+def _derived_properties(
     case: Case,
     window: Window,
     conductivity: Quantity,
     heat_capacity: Quantity,
     gains: dict[str, tuple[float, float]],
-    held_out: HeldOut | None,
+    held_out: HeldOutFlux | None,
 ) -> ThermalProperties:
-    """All that follows from conductivity and heat capacity, and the average method over a window beside it."""
+    """The properties that follow from conductivity and heat capacity, and the average method over a window."""
     length, k = case.wall.length, conductivity
     ends = tuple(length / end for end in k.interval_95[::-1])
     resistance = Quantity(length / k.value, length * k.std / k.value**2, (ends[0], ends[1]), "m2 K/W")
@@ -173,47 +196,48 @@ def _thermal(
         resistance=resistance,
         areal_heat_capacity=areal,
         transmittance=Quantity(U, U**2 * resistance.std, (low, high), "W/m2/K"),
-        gains=gains,
-        averages=tuple(
+        plate_gains=gains,
+        average_methods=tuple(
             average_method(part.faces, part.regressors[f"flux_{face}"], part.step, face, areal.value) for face in gains
         ),
         held_out=held_out,
-        assumed=case.record.flux_gain_std is None,
+        gains_assumed=case.record.flux_gain_std is None,
     )
 
 
-def _held_out(case: Case, window: Window, settled: GLSFit) -> HeldOut | None:
-    """Estimate from the first half, predict the second on from there."""
+def _second_half_prediction(case: Case, window: Window, fit: GLSFit) -> HeldOutFlux | None:
+    """The flux of the second half of a window predicted with the estimate from its first half."""
     half, plates = window.rows // 2, len(fluxes_of(case))
-    there = np.asarray(settled.problem.data.weight)[:, -plates:] > 0
-    if half < _FEWEST_HALF or not (there[:half].any() and there[half:].any()):
+    present = np.asarray(fit.problem.data.weight)[:, -plates:] > 0
+    if half < _MIN_HALF_ROWS or not (present[:half].any() and present[half:].any()):
         return None
-    model, data = settled.problem.system, window_data(case, window)
-    early = fit_generalised_least_squares(case, window, data, model, settled.diffusivity, eta=1e-6, rows_used=half)
+    model, data = fit.problem.system, window_data(case, window)
+    early = fit_generalised_least_squares(case, window, data, model, fit.diffusivity, eta=1e-6, rows_used=half)
     predicted, J = (
-        np.asarray(part) for part in _linear(settled.problem, early.problem.nuisance, early.minimum.parameters)
+        np.asarray(part)
+        for part in _prediction_and_jacobian(fit.problem, early.problem.nuisance, early.minimum.parameters)
     )
-    data, there = settled.problem.data, there[half:]
-    missed = (np.asarray(data.observed) - predicted)[half:, -plates:]
+    data, present = fit.problem.data, present[half:]
+    residual = (np.asarray(data.observed) - predicted)[half:, -plates:]
     noise = early.robust or early.noise
-    own = np.asarray(settled.shape.sensor_std)[-plates:] ** 2 * (noise.white + noise.autocorrelated)
-    faces = (settled.shape.face_std**2 * (noise.white + noise.autocorrelated)) * np.sum(
-        settled.shape.response**2, axis=(0, 1)
-    )
-    late = J[half:, -plates:]
+    own = np.asarray(fit.shape.sensor_std)[-plates:] ** 2 * (noise.white + noise.autocorrelated)
+    faces = (fit.shape.face_std**2 * (noise.white + noise.autocorrelated)) * np.sum(fit.shape.response**2, axis=(0, 1))
+    late = J[half:, -plates:][..., early.used]
     variance = own + faces[-plates:] + np.einsum("tsp,pq,tsq->ts", late, early.covariance, late)
-    inside = np.abs(missed) <= NORMAL_95 * np.sqrt(variance)
-    return HeldOut(
-        coverage=float(inside[there].mean()),
-        rms=float(np.sqrt(np.mean(missed[there] ** 2))),
+    inside = np.abs(residual) <= NORMAL_95 * np.sqrt(variance)
+    return HeldOutFlux(
+        coverage=float(inside[present].mean()),
+        rms=float(np.sqrt(np.mean(residual[present] ** 2))),
         hours=half * case.record.step / 3600.0,
-        readings=int(there.sum()),
+        readings=int(present.sum()),
     )
 
 
 @eqx.filter_jit
-def _linear(problem: LikelihoodProblem, free: NuisanceModel, y: Float[Array, " param"]) -> tuple[Array, Array]:
-    """Predictions at the rows and their derivatives, `(time, channel, param)`."""
+def _prediction_and_jacobian(
+    problem: LikelihoodProblem, free: NuisanceModel, y: Float[Array, " param"]
+) -> tuple[Array, Array]:
+    """Predictions, `(time, output)`, and their Jacobian, `(time, output, param)`."""
     problem = eqx.tree_at(lambda p: p.nuisance, problem, free)
     slopes, predicted = jax.jacfwd(lambda y: (problem.predicted(y),) * 2, has_aux=True)(y)
     return predicted, slopes

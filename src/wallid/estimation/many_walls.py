@@ -1,8 +1,8 @@
-"""The diffusivities of many walls in one call: the paper's estimate for each, swept over cores and devices.
+"""The diffusivities of many walls in one call: weighted least squares for each, distributed over cores and devices.
 
-Each wall has a model, a record and a start of its own, and a standard error by its readings' noise as stated,
-`std(ln alpha) = |(J^T J)^-1|^1/2`. It is a first look at a stock of walls, or a study of a design by ten thousand
-synthetic records; the interval that can be believed is `estimate`'s, wall by wall.
+Each wall has its own model, record and start. Its standard error counts the stated noise of the readings only,
+`std(ln alpha) = |(J^T J)^-1|^1/2`. Use it for a survey of many walls or for a study with many synthetic records; a
+reliable interval of one wall is that of `estimate`.
 """
 
 from __future__ import annotations
@@ -21,25 +21,26 @@ from ..models.recurrence.single_kernel import is_small
 from ..models.state_space import StateSpace, require_x64
 from ..models.window_inputs import WindowData
 
-_ITERATIONS = 40  # Gauss-Newton needs some six; a wall that takes more says so
-_TOGETHER = 32  # walls: their numbers stay in a core's cache; one where a wall's whole search is one kernel
+_MAX_ITERATIONS = 40  # about six are usual; a wall that needs more is marked as not converged
+_WALLS_PER_CHUNK = 32  # they fit into the cache of a core; 1 where the entire search of a wall is one kernel
 
 
 class WallEstimates(eqx.Module):
-    """What a sweep over walls gives, a row a wall.
+    """The estimates of many walls, each array `(wall,)`.
 
     Args:
         diffusivity: m2/s.
-        relative_std: of it by the readings' noise as stated, 1; infinite where the record holds nothing.
-        chi_square: reduced, of the weighted misfit.
-        steps: Gauss-Newton steps taken.
-        converged: whether the paper's criteria were met.
+        relative_std: relative standard error by the stated noise of the readings, dimensionless; infinite for an
+            uninformative record.
+        reduced_chi_square: of the weighted residual.
+        iterations: Gauss-Newton steps.
+        converged: whether the stopping criteria were met.
     """
 
     diffusivity: Float[Array, " wall"]
     relative_std: Float[Array, " wall"]
-    chi_square: Float[Array, " wall"]
-    steps: Int[Array, " wall"]
+    reduced_chi_square: Float[Array, " wall"]
+    iterations: Int[Array, " wall"]
     converged: Bool[Array, " wall"]
 
     def __str__(self) -> str:
@@ -59,44 +60,52 @@ def estimate_walls(
     chunk: int | None = None,
     mesh: Mesh | None = None,
 ) -> WallEstimates:
-    """The diffusivity of each of many walls, from models and records that differ in their numbers only.
+    """Estimate the diffusivity of each of many walls by weighted least squares.
 
     Args:
-        systems, data: one large or reduced model, and one window's experiment, a wall: made by `stack`. Records may
-            have missing readings; they all have the same number of rows and of sensors.
-        fourier_per_alpha: Fo for a diffusivity of 1 m2/s, `scales(case).fourier(1.0)`.
-        start: m2/s.
-        eta: the stopping criterion on the relative change of the diffusivity.
-        way, chunk, mesh: how the walls are gone through, see `sweep`; a chunk of None is what is fastest.
+        systems: full- or reduced-order models, stacked along a first axis by `wallid.models.stack`.
+        data: the data of one window of each wall, stacked alike. Readings may be missing; the numbers of rows and
+            sensors are the same for all walls.
+        fourier_per_alpha: Fo for a diffusivity of 1 m2/s, `scales(case).fourier_number(1.0)`, `(wall,)`.
+        start: initial diffusivities, m2/s, `(wall,)`.
+        eta: stopping criterion on the relative change of the diffusivity.
+        way, chunk, mesh: how the walls are distributed, as in `wallid.models.sweep`; None chooses a fast chunk.
+
+    Returns:
+        the estimate of each wall.
 
     Raises:
-        ValueError: numbers of walls that differ.
+        ValueError: the numbers of walls differ.
+
+    Source: Berger and Kadoch, Section 4.2.
     """
     require_x64()
     items = (systems, data, jnp.asarray(fourier_per_alpha, float), jnp.asarray(start, float))
     arrays, static = eqx.partition(items, eqx.is_array)
     if chunk is None:
         one = jax.tree.map(lambda leaf: leaf[0], systems)
-        chunk = 1 if is_small(one) else _TOGETHER
-    return WallEstimates(**sweep(_one, arrays, static, jnp.asarray(eta, float), way=way, chunk=chunk, mesh=mesh))
+        chunk = 1 if is_small(one) else _WALLS_PER_CHUNK
+    return WallEstimates(
+        **sweep(_estimate_wall, arrays, static, jnp.asarray(eta, float), way=way, chunk=chunk, mesh=mesh)
+    )
 
 
-def _one(arrays: tuple, static: tuple, eta: Float[Array, ""]) -> dict[str, Array]:
-    """The numbers of one wall, by the names that `Walls` gives them."""
+def _estimate_wall(arrays: tuple, static: tuple, eta: Float[Array, ""]) -> dict[str, Array]:
+    """The fields of `WallEstimates` for one wall."""
     system, data, fourier_per_alpha, start = eqx.combine(arrays, static)
     problem = WeightedProblem(system, data, fourier_per_alpha, start, True, "propagator")
-    solution = searched(problem, eta, _ITERATIONS)
+    solution = searched(problem, eta, _MAX_ITERATIONS)
     jacobian = stacked(*solution.stats["jacobian"])
-    # offsets projected out: what is left of the diffusivity's column when it is cleared of theirs
-    own, others = jacobian[:, 0], jacobian[:, 1:].T
+    # the offsets are projected out of the diffusivity's column
+    column, offsets = jacobian[:, 0], jacobian[:, 1:].T
     if data.offsets:
-        own = own - others.T @ jnp.linalg.solve(others @ others.T, others @ own)
-    information = jnp.sum(own**2)
+        column = column - offsets.T @ jnp.linalg.solve(offsets @ offsets.T, offsets @ column)
+    information = jnp.sum(column**2)
     readings, cost = jnp.sum(data.weight > 0), sum(jnp.sum(part**2) for part in solution.stats["residual"])
     return {
         "diffusivity": start * jnp.exp(solution.value[0]),
         "relative_std": 1.0 / jnp.sqrt(information),
-        "chi_square": cost / jnp.maximum(readings - 1, 1),
-        "steps": solution.stats["trace"].count - 1,
+        "reduced_chi_square": cost / jnp.maximum(readings - 1, 1),
+        "iterations": solution.stats["trace"].count - 1,
         "converged": solution.result == optx.RESULTS.successful,
     }

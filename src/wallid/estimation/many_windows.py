@@ -1,8 +1,8 @@
-"""One estimate from all windows of a campaign that tell anything, and whether they agree.
+"""One estimate from all informative windows of a record, and a test of whether the windows agree.
 
-The mean is that of their ln(alpha) (`pooling`). Sensors stay where they are, and so do their offsets and the plates'
-calibrations: what such a constant makes of one window's estimate it makes of the others' too, and no number of windows
-takes it out. With fluxes in the record the windows' conductivities, heat capacities and plates are put together alike.
+The result is the GLS mean of the windows' ln(alpha) (`pooled_mean`). Sensor positions, offsets and the plates'
+calibrations are the same in all windows, so their errors are fully correlated between windows and do not average out.
+With fluxes, conductivities, heat capacities and calibration errors are pooled in the same way.
 """
 
 from __future__ import annotations
@@ -11,10 +11,12 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from .._internal.errors import InputError
+from .._internal.html import html_table, interval_row
 from ..case.case_definition import Case
 from ..case.time_window import Window, window_rows
 from ..inference.gls_fit import GLSFit
@@ -22,10 +24,9 @@ from ..inference.quantity import Quantity
 from ..models.flux_plates import fluxes_of
 from ..models.plate_model import full_order_model_with_plates
 from ..models.state_space import StateSpace
-from .conclusion import estimate_from_gls, gls_minima
-from .diffusivity import fit_with_flux, initial_fit
-from .heat_flux import ThermalProperties, pooled_thermal
-from .pooled_mean import PooledMean, covariance_of, mean_of
+from .diffusivity import estimate_by_gls
+from .heat_flux import ThermalProperties, pooled_thermal_properties
+from .pooled_mean import PooledMean, covariance_with_shared_errors, pooled_mean
 from .result_objects import Estimate
 
 
@@ -34,15 +35,16 @@ class CampaignEstimate:
     """One diffusivity from all informative windows of a record.
 
     Args:
-        windows, fits: every window and its own estimate (None: no reading in it).
-        labels: when each begins.
-        used: which are informative and in the mean.
-        mean: of their ln(alpha); None where there is none.
+        windows, fits: every window and its own estimate (None where it has no reading).
+        labels: time stamp of each window's first row.
+        used: indices of the informative windows, which are in the mean.
+        mean: of their ln(alpha); None if no window is informative.
         interval_95: m2/s.
-        reliable, reason: as of an estimate.
-        covariance: of the used ones' ln(alpha).
-        thermal: what the fluxes of all used windows tell together, the average method over the whole record (its
-            longest unbroken part); None without any. conduction: the mean of their ln(conductivity).
+        reliable, reason: as in `Estimate`.
+        covariance: of ln(alpha) of the used windows, `(window, window)`.
+        thermal: pooled thermal properties from the fluxes of the used windows; the average method is over the whole
+            record, or its longest unbroken part. None without fluxes.
+        conductivity_mean: the mean of the windows' ln(conductivity); None without fluxes.
     """
 
     windows: tuple[Window, ...]
@@ -55,52 +57,86 @@ class CampaignEstimate:
     reason: str
     covariance: np.ndarray = field(repr=False)
     thermal: ThermalProperties | None = None
-    conduction: PooledMean | None = None
+    conductivity_mean: PooledMean | None = None
 
     @property
     def value(self) -> float:
-        """m2/s."""
+        """The diffusivity, m2/s."""
         return math.nan if self.mean is None else math.exp(self.mean.value)
 
     @property
     def std(self) -> float:
-        """m2/s, that of ln(alpha) times alpha."""
+        """Its standard error, that of ln(alpha) times alpha, m2/s."""
         return math.nan if self.mean is None else self.value * self.mean.std
 
     @property
     def span(self) -> Window:
-        """From the first window's first row to the last one's last."""
+        """The rows from the first window's start to the last window's end."""
         first, last = self.windows[0], self.windows[-1]
         return Window(first.row, last.row + last.rows - first.row)
 
-    def __str__(self) -> str:
+    def summary(self) -> str:
+        """The pooled value, the agreement of the windows and each window's estimate, as text."""
         low, high = self.interval_95
-        found = f"{self.value:.4g} m2/s  +- {self.std:.1g}   (95 %: {low:.4g} to {high:.4g})"
-        head = f"diffusivity  {found}" if self.reliable else f"diffusivity  NOT TO BE RELIED ON: {self.reason}"
+        value = f"{self.value:.4g} m2/s  +- {self.std:.1g}   (95 %: {low:.4g} to {high:.4g})"
+        head = f"diffusivity  {value}" if self.reliable else f"diffusivity  NOT TO BE RELIED ON: {self.reason}"
         lines = [head, f"windows      {len(self.used)} of {len(self.windows)} are informative and in it"]
-        if self.mean is not None and self.mean.freedom:
+        if self.mean is not None and self.mean.degrees_of_freedom:
             lines.append(f"agreement    {self.agreement}")
-        if self.thermal is not None and self.conduction is not None and self.reliable:
+        if self.thermal is not None and self.conductivity_mean is not None and self.reliable:
             lines.append(str(self.thermal))
-            if self.conduction.freedom:
-                lines.append(f"agreement    of the conductivity: {self.conduction.agreement}")
+            if self.conductivity_mean.degrees_of_freedom:
+                lines.append(f"agreement    of the conductivity: {self.conductivity_mean.agreement}")
         for k, (fit, label) in enumerate(zip(self.fits, self.labels, strict=True)):
             if fit is None:
                 lines.append(f"  from {label}   no reading of an inner sensor or a plate")
                 continue
-            said = f"weight {self.weight(k):+.0%}" if k in self.used else "uninformative"
+            weight = f"weight {self.weight(k):+.0%}" if k in self.used else "uninformative"
             low, high = fit.interval_95
-            through = "" if fit.thermal is None else f"   R = {_short(fit.thermal.resistance)}"
-            lines.append(f"  from {label}   {fit.value:.4g}   (95 %: {low:.3g} to {high:.3g}){through}   {said}")
+            resistance = "" if fit.thermal is None else f"   R = {_value_and_std(fit.thermal.resistance)}"
+            lines.append(f"  from {label}   {fit.value:.4g}   (95 %: {low:.3g} to {high:.3g}){resistance}   {weight}")
         return "\n".join(lines)
 
+    __str__ = summary
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain numbers, strings, lists and dicts; NaN and None where there is no value."""
+        mean = self.mean
+        return {
+            **self._quantity.result(),
+            "reliable": self.reliable,
+            "reason": self.reason,
+            "chi_square": None if mean is None else mean.chi_square,
+            "degrees_of_freedom": None if mean is None else mean.degrees_of_freedom,
+            "p_value": None if mean is None else mean.p_value,
+            "between_std": None if mean is None else mean.between_std,
+            "windows": [
+                {"start": label, "weight": self.weight(k), "estimate": None if fit is None else fit.to_dict()}
+                for k, (fit, label) in enumerate(zip(self.fits, self.labels, strict=True))
+            ],
+            "thermal": None if self.thermal is None else self.thermal.to_dict(),
+        }
+
+    def _repr_html_(self) -> str:
+        rows = [interval_row("diffusivity", self._quantity)]
+        rows += [
+            interval_row(f"window from {label}", Quantity(fit.value, fit.std, fit.interval_95, "m2/s"))
+            for fit, label in zip(self.fits, self.labels, strict=True)
+            if fit is not None
+        ]
+        return html_table("Diffusivity" if self.reliable else f"Not to be relied on: {self.reason}", rows)
+
+    @property
+    def _quantity(self) -> Quantity:
+        return Quantity(self.value, self.std, self.interval_95, "m2/s")
+
     def weight(self, window: int) -> float:
-        """Of a window in the mean, 1."""
+        """The weight of a window in the mean; 0 for one that is not used."""
         return float(self.mean.weights[self.used.index(window)]) if self.mean and window in self.used else 0.0
 
     @property
     def agreement(self) -> str:
-        """Whether the windows agree, in a sentence."""
+        """The result of the test of agreement, as text."""
         return "nothing to compare" if self.mean is None else self.mean.agreement
 
 
@@ -112,120 +148,118 @@ def campaign(
     model: StateSpace | None = None,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> CampaignEstimate:
-    """One diffusivity from all windows of a record, laid end to end, and whether they agree.
+    """Estimate one diffusivity from all windows of a record.
 
-    One compiled estimate serves all windows; they are taken by the large model, which knows every window's faces, with
-    the plates' fluxes where there are any.
+    All windows have the same length and use the full-order model, so one compilation serves them all. The pooled value
+    is the GLS mean of ln(alpha) over the informative windows, see `PooledMean`.
 
     Args:
-        window_days: None for the case's choice.
-        windows: by hand, none over another; None for all that fit into the record's unbroken parts.
-        model: a large model at hand, the plates after the sensors.
-        progress: told how many windows are done, of how many.
+        window_days: window length, days; None for the one in the case's `[choices]`.
+        windows: windows that do not overlap; None for consecutive ones in each unbroken part of the record.
+        model: a full-order model to use instead of a new one, with the plates' fluxes after the sensors.
+        progress: called with the number of windows estimated so far and their total number.
+
+    Returns:
+        the pooled diffusivity, the estimate of each window, and the test of agreement.
 
     Raises:
-        InputError: windows over one another, or a case with more of the wall free.
+        InputError: windows overlap, there are none, or the case has other free wall parameters.
+
+    Source: R. C. Paule, J. Mandel, J. Res. NBS 87 (1982), 377.
     """
     if case.choices.free:
         raise InputError(
             f"[choices] free = {list(case.choices.free)}: estimate without --all-windows, or with the diffusivity alone"
         )
     rows = window_rows(case, case.choices.window_days if window_days is None else window_days)
-    laid = _laid(case, rows) if windows is None else _checked(windows)
+    windows = _consecutive_windows(case, rows) if windows is None else _sorted_windows(windows)
     system = full_order_model_with_plates(case) if model is None else model
-    fits, settled = [], []
-    for k, window in enumerate(laid):
-        progress(k, len(laid))
-        found = _one(case, window, system) if _has_reading(case, window) else None
-        fits.append(None if found is None else found[0])
-        settled.append(None if found is None else found[1])
-    used = tuple(k for k, fit in enumerate(fits) if fit is not None and fit.reliable)
-    return _pooled(case, laid, fits, [(fits[k], settled[k]) for k in used], used)
+    prior, eta = case.wall.diffusivity_prior, case.choices.eta
+    results: list[tuple[Estimate, GLSFit] | None] = []
+    for k, window in enumerate(windows):
+        progress(k, len(windows))
+        results.append(estimate_by_gls(case, window, system, prior, eta) if _has_reading(case, window) else None)
+    return _pool(case, windows, results)
 
 
 def _has_reading(case: Case, window: Window) -> bool:
-    """Whether an inner sensor or a plate has one in a window."""
-    courses = [case.record.sensors, *(case.record.regressors[f"flux_{face}"] for face in fluxes_of(case))]
-    return any(bool(np.isfinite(course[window.part]).any()) for course in courses)
+    """Whether an inner sensor or a plate has a reading in a window."""
+    readings = [case.record.sensors, *(case.record.regressors[f"flux_{face}"] for face in fluxes_of(case))]
+    return any(bool(np.isfinite(array[window.as_slice]).any()) for array in readings)
 
 
-def _one(case: Case, window: Window, system: StateSpace) -> tuple[Estimate, GLSFit]:
-    prior, eta = case.wall.diffusivity_prior, case.choices.eta
-    if fluxes_of(case):
-        return fit_with_flux(case, window, system, prior, eta)
-    told = initial_fit(case, window, system, prior, eta)
-    settled, others = gls_minima(told, eta, True, "propagator")
-    return estimate_from_gls(told, settled, others, 0), settled
-
-
-def _pooled(case: Case, laid, fits, informative, used: tuple[int, ...]) -> CampaignEstimate:
-    """The mean of the informative windows, and whether it can be relied on."""
+def _pool(case: Case, windows: Sequence[Window], results: Sequence[tuple[Estimate, GLSFit] | None]) -> CampaignEstimate:
+    """The pooled estimate from the results of each window."""
+    used = tuple(k for k, one in enumerate(results) if one is not None and one[0].reliable)
+    informative = [one for one in results if one is not None and one[0].reliable]
     mean, interval, covariance = None, (math.nan, math.nan), np.zeros((0, 0))
-    with_plates = [settled for fit, settled in informative if fit.has_flux]
-    through = pooled_thermal(case, with_plates) if with_plates else (None, None)
-    reason = f"none of {len(laid)} windows is informative"
+    with_plates = [gls for fit, gls in informative if fit.has_flux]
+    thermal, conductivity_mean = pooled_thermal_properties(case, with_plates) if with_plates else (None, None)
+    reason = f"none of {len(windows)} windows is informative"
     if used:
-        covariance = _covariance(informative)
+        covariance = _log_alpha_covariance(informative)
         values = np.log([fit.value for fit, _ in informative])
-        mean = mean_of(values, covariance, max(settled.quantile for _, settled in informative))
+        mean = pooled_mean(values, covariance, max(gls.quantile for _, gls in informative))
         half = min(mean.quantile * mean.std, 300.0)
         interval = (math.exp(mean.value - half), math.exp(mean.value + half))
-        factor, most = interval[1] / interval[0], case.choices.largest_interval_factor
+        factor, largest = interval[1] / interval[0], case.choices.largest_interval_factor
         reason = ""
-        if factor > most:
-            disagree = "the windows disagree, and " if mean.between else ""
-            reason = f"{disagree}its 95 % interval spans a factor of {factor:.3g}, more than {most:g}"
+        if factor > largest:
+            disagree = "the windows disagree, and " if mean.between_std else ""
+            reason = f"{disagree}its 95 % interval spans a factor of {factor:.3g}, more than {largest:g}"
     return CampaignEstimate(
-        windows=tuple(laid),
-        fits=tuple(fits),
-        labels=tuple(str(case.record.stamp(window.row)) for window in laid),
+        windows=tuple(windows),
+        fits=tuple(None if one is None else one[0] for one in results),
+        labels=tuple(str(case.record.stamp(window.row)) for window in windows),
         used=used,
         mean=mean,
         interval_95=interval,
         reliable=not reason,
         reason=reason,
         covariance=covariance,
-        thermal=through[0],
-        conduction=through[1],
+        thermal=thermal,
+        conductivity_mean=conductivity_mean,
     )
 
 
-def _covariance(informative: Sequence[tuple[Estimate, GLSFit]]) -> np.ndarray:
-    """Of the windows' ln(alpha)."""
+def _log_alpha_covariance(informative: Sequence[tuple[Estimate, GLSFit]]) -> np.ndarray:
+    """The covariance of the windows' ln(alpha)."""
     shared, stds = [], []
-    for fit, settled in informative:
-        # an interval by the profile is wider than the curvature says
-        half = 0.5 * math.log(fit.interval_95[1] / fit.interval_95[0]) / settled.quantile
-        stds.append(max(half, settled.log_std))
-        shared.append(settled.of_constants(np.eye(1 + settled.names.count)[0]))
-    return covariance_of(np.array(stds), np.stack(shared))
+    for fit, gls in informative:
+        # an interval by the profile likelihood is wider than the one from the curvature
+        half = 0.5 * math.log(fit.interval_95[1] / fit.interval_95[0]) / gls.quantile
+        stds.append(max(half, gls.log_std))
+        shared.append(list(gls.of_instrument_errors(np.eye(len(gls.names))[0]).values()))
+    return covariance_with_shared_errors(np.array(stds), np.stack(shared))
 
 
-def _short(quantity: Quantity) -> str:
-    """A quantity with its standard error."""
+def _value_and_std(quantity: Quantity) -> str:
+    """A quantity with its standard error, as text."""
     return f"{quantity.value:.4g} +- {quantity.std:.2g} {quantity.unit}"
 
 
-def _laid(case: Case, rows: int) -> list[Window]:
-    """Windows end to end in each unbroken part of the record."""
+def _consecutive_windows(case: Case, rows: int) -> list[Window]:
+    """Consecutive windows in each unbroken part of the record."""
     return [
-        Window(row, rows) for first, part in case.record.unbroken for row in range(first, first + part - rows + 1, rows)
+        Window(row, rows)
+        for first, part in case.record.unbroken_parts
+        for row in range(first, first + part - rows + 1, rows)
     ]
 
 
-def _checked(windows: Sequence[Window]) -> list[Window]:
-    """In their order, none over another.
+def _sorted_windows(windows: Sequence[Window]) -> list[Window]:
+    """The windows in the order of their first rows.
 
     Raises:
-        InputError: two that share rows, or none at all.
+        InputError: two windows overlap, or there are none.
     """
-    laid = sorted(windows, key=lambda window: window.row)
-    if not laid:
+    ordered = sorted(windows, key=lambda window: window.row)
+    if not ordered:
         raise InputError("windows: none was given")
-    for one, two in pairwise(laid):
+    for one, two in pairwise(ordered):
         if one.row + one.rows > two.row:
             raise InputError(
                 f"windows: the one from row {two.row} begins before the one from row {one.row} ends; "
                 "they would share readings"
             )
-    return laid
+    return ordered

@@ -1,8 +1,9 @@
-"""The whole record against the prediction, and what the estimate means for heat through the wall."""
+"""The entire record predicted with the estimate, and the heat that flows through the wall."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,9 +11,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._internal.arrays import on_device
+from .._internal.html import html_table
 from ..case.case_definition import Case
 from ..case.initial_profile import fit_profile, scales
-from ..case.time_window import whole
+from ..case.time_window import entire_record
 from ..inference.weighted_least_squares import paper_sigma
 from ..models.error_measures import eps_2
 from ..models.finite_volume_wall import Output
@@ -21,20 +23,20 @@ from ..models.state_space import StateSpace
 from ..models.window_inputs import WindowData, check_driven, full_order_model, window_data
 from .result_objects import Estimate
 
-_LOAD_STEPS = (0.8, 0.9, 1.0, 1.1, 1.2)  # of the diffusivity, as in the paper's figure
-_AT_ESTIMATE = _LOAD_STEPS.index(1.0)
+_LOAD_FACTORS = (0.8, 0.9, 1.0, 1.1, 1.2)  # factors on the diffusivity, as in the paper's figure
+_AT_ESTIMATE = _LOAD_FACTORS.index(1.0)
 
 
 @dataclass(frozen=True)
-class Loads:
-    """Heat through the inner face at fixed conductivity, `c = k/alpha`.
+class HeatLoads:
+    """Heat through the inner face at fixed conductivity, with heat capacity `c = k/alpha`.
 
     Args:
-        flux: j = -k dT/dx at the inner face, positive along +x, W/m2; NaN in the first row, where a face
-            that does not meet the initial profile makes it whatever the mesh is.
-        factors: of the estimated diffusivity.
-        energy: E, the integral of j from the second row on at each factor, J/m2, signed.
-        conductivity: W/m/K.
+        flux: j = -k dT/dx at the inner face, positive along +x, W/m2, `(time,)`; NaN in the first row, where a jump
+            between face temperature and initial profile makes it depend on the mesh.
+        factors: on the estimated diffusivity, `(factor,)`.
+        energy: E, the integral of j from the second row on, signed, J/m2, `(factor,)`.
+        conductivity: k, W/m/K.
     """
 
     flux: np.ndarray = field(repr=False)
@@ -43,36 +45,37 @@ class Loads:
     conductivity: float
 
     @property
-    def at_estimate(self) -> float:
+    def energy_at_estimate(self) -> float:
         """E at the estimated diffusivity, J/m2."""
         return float(self.energy[_AT_ESTIMATE])
 
     @property
-    def change(self) -> np.ndarray:
-        """E over its value at the estimate, minus one."""
-        return self.energy / self.at_estimate - 1.0
+    def relative_change(self) -> np.ndarray:
+        """E divided by its value at the estimate, minus one."""
+        return self.energy / self.energy_at_estimate - 1.0
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """The record's sensors predicted with the prior and with the estimate.
+    """The readings of all sensors predicted with the prior diffusivity and with the estimate.
 
     Args:
-        days: of the rows, from the record's first; of a broken record its longest part.
-        measured, prior, predicted: degC, `(time, sensor)`.
-        sigma: the paper's combined uncertainty of each reading, K, `(time, sensor)`.
-        profile_eps_2: root mean square of the initial profile's fit, K; None where it was given.
-        loads: None where the case states no conductivity.
+        days: of each row since the record's start; of a record with gaps its longest unbroken part, `(time,)`.
+        sensor_names: one for each column of the arrays below.
+        measured, predicted_with_prior, predicted: degC, `(time, sensor)`.
+        sigma: the paper's combined standard uncertainty of each reading, by noise and position, K, `(time, sensor)`.
+        profile_eps_2: root mean square residual of the fitted initial profile, K; None where the profile was given.
+        loads: heat through the inner face; None where the case states no conductivity.
     """
 
     days: np.ndarray = field(repr=False)
-    names: tuple[str, ...]
+    sensor_names: tuple[str, ...]
     measured: np.ndarray = field(repr=False)
-    prior: np.ndarray = field(repr=False)
+    predicted_with_prior: np.ndarray = field(repr=False)
     predicted: np.ndarray = field(repr=False)
     sigma: np.ndarray = field(repr=False)
     profile_eps_2: float | None
-    loads: Loads | None
+    loads: HeatLoads | None
 
     @property
     def residual(self) -> np.ndarray:
@@ -80,65 +83,98 @@ class Prediction:
         return self.measured - self.predicted
 
     @property
-    def residual_prior(self) -> np.ndarray:
+    def residual_with_prior(self) -> np.ndarray:
         """Measured minus predicted with the prior, K; NaN where missing."""
-        return self.measured - self.prior
+        return self.measured - self.predicted_with_prior
 
-    def sizes(self, sensor: int) -> tuple[float, float, float]:
-        """Root mean squares of a sensor: residual with the prior, with the estimate, and sigma, K."""
+    def rms_of_sensor(self, sensor: int) -> tuple[float, float, float]:
+        """Root mean squares for a sensor: residual with the prior, residual with the estimate, and sigma, K."""
         measured = self.measured[:, sensor]
-        before, after = (eps_2(measured, model[:, sensor]) for model in (self.prior, self.predicted))
-        return before, after, float(np.sqrt(np.mean(self.sigma[:, sensor] ** 2)))
+        prior, estimate = (eps_2(measured, model[:, sensor]) for model in (self.predicted_with_prior, self.predicted))
+        return prior, estimate, float(np.sqrt(np.mean(self.sigma[:, sensor] ** 2)))
 
-    def __str__(self) -> str:
+    def summary(self) -> str:
+        """The root mean square residual of each sensor and the heat through the inner face, as text."""
         lines = ["whole record   rms residual, K     prior  estimate   sigma (noise and position)"]
-        for s, name in enumerate(self.names):
-            before, after, sigma = self.sizes(s)
-            lines.append(f"  {name:<29} {before:8.3f}  {after:8.3f}  {sigma:8.3f}")
+        for s, name in enumerate(self.sensor_names):
+            prior, estimate, sigma = self.rms_of_sensor(s)
+            lines.append(f"  {name:<29} {prior:8.3f}  {estimate:8.3f}  {sigma:8.3f}")
         if self.loads is None:
             lines.append("heat loads     need a conductivity: put `conductivity` (W/m/K) in [wall]")
         else:
-            low, high = self.loads.change[0], self.loads.change[-1]
+            low, high = self.loads.relative_change[0], self.loads.relative_change[-1]
             lines.append(
-                f"heat loads     E = {self.loads.at_estimate / 3.6e6:+.2f} kWh/m2 through the inner face; "
+                f"heat loads     E = {self.loads.energy_at_estimate / 3.6e6:+.2f} kWh/m2 through the inner face; "
                 f"{low:+.1%} to {high:+.1%} for -20 % to +20 % of the diffusivity"
             )
         return "\n".join(lines)
 
+    __str__ = summary
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain numbers: root mean squares of each sensor, K, and the heat loads; no time series."""
+        keys = ("rms_prior", "rms", "sigma")
+        loads = self.loads
+        return {
+            "sensors": {
+                name: dict(zip(keys, self.rms_of_sensor(s), strict=True)) for s, name in enumerate(self.sensor_names)
+            },
+            "profile_eps_2": self.profile_eps_2,
+            "loads": None
+            if loads is None
+            else {
+                "conductivity": loads.conductivity,
+                "factors": loads.factors.tolist(),
+                "energy": loads.energy.tolist(),
+            },
+        }
+
+    def _repr_html_(self) -> str:
+        rms = [self.rms_of_sensor(s) for s in range(len(self.sensor_names))]
+        rows = [
+            (f"rms residual of {name}", f"{estimate:.3f}", f"prior {prior:.3f}, sigma {sigma:.3f}", "K")
+            for name, (prior, estimate, sigma) in zip(self.sensor_names, rms, strict=True)
+        ]
+        return html_table("Prediction of the entire record", rows)
+
 
 def predict(case: Case, fit: Estimate, model: StateSpace | None = None) -> Prediction:
-    """Predict the whole record with the prior and with the estimate, by `diffrax.diffeqsolve`.
+    """Predict the readings of the entire record with the prior diffusivity and with the estimate.
 
-    Of a broken record, that is its longest part.
+    For a record with gaps, its longest unbroken part is predicted. The integration is by `diffrax.diffeqsolve`.
 
     Args:
-        model: the model to predict with, such as the reduced one; None for the large model.
+        fit: the estimate; its offsets are added to the prediction.
+        model: the model of the sensors, for instance a reduced-order one; None for the full-order model.
+
+    Returns:
+        measured and predicted temperatures, their uncertainty, and the heat through the inner face.
 
     Raises:
-        InputError: a reduced model that does not know what a face of the record does.
+        InputError: a reduced-order model lacks an input of the record.
     """
-    window = whole(case)
+    window = entire_record(case)
     inner = 0.0 if case.wall.inside == "left" else case.wall.length
-    large = full_order_model(
+    full = full_order_model(
         case,
         [*(Output(s.position, "gradient", f"gradient {s.name}") for s in case.sensors), Output(inner, "flux")],
     )
     sensors = len(case.sensors)
-    model = (large if model is None else model).select(list(range(sensors)))
+    model = (full if model is None else model).select(list(range(sensors)))
     check_driven(model, case, window)
     data, scale = window_data(case, window), scales(case)
     alphas = np.array([case.wall.diffusivity_prior, fit.value])
-    prior, predicted = scale.celsius(np.asarray(_predict(model, on_device(scale.fourier(alphas)), data)))
+    prior, predicted = scale.celsius(np.asarray(_simulate_each(model, on_device(scale.fourier_number(alphas)), data)))
     offsets = np.array([fit.offsets.get(sensor.name, (0.0, 0.0))[0] for sensor in case.sensors])
-    factors = np.array(_LOAD_STEPS)
-    extra = large.select(list(range(sensors, 2 * sensors + 1)))
-    slopes = np.asarray(_predict(extra, on_device(scale.fourier(fit.value * factors)), data))
+    factors = np.array(_LOAD_FACTORS)
+    gradients = full.select(list(range(sensors, 2 * sensors + 1)))
+    slopes = np.asarray(_simulate_each(gradients, on_device(scale.fourier_number(fit.value * factors)), data))
     slopes = slopes * scale.temperature / case.wall.length
     return Prediction(
-        days=case.record.days[window.part],
-        names=tuple(sensor.name for sensor in case.sensors),
-        measured=np.asarray(case.record.sensors)[window.part],
-        prior=prior + offsets,
+        days=case.record.days[window.as_slice],
+        sensor_names=tuple(sensor.name for sensor in case.sensors),
+        measured=np.asarray(case.record.sensors)[window.as_slice],
+        predicted_with_prior=prior + offsets,
         predicted=predicted + offsets,
         sigma=paper_sigma(
             np.array([sensor.noise_std for sensor in case.sensors]),
@@ -146,25 +182,27 @@ def predict(case: Case, fit: Estimate, model: StateSpace | None = None) -> Predi
             np.array([sensor.position_std for sensor in case.sensors]),
         ),
         profile_eps_2=fit_profile(case, window.row).eps_2,
-        loads=_loads(case, factors, slopes[:, :, -1]),
+        loads=_heat_loads(case, factors, slopes[:, :, -1]),
     )
 
 
 @eqx.filter_jit
-def _predict(system: StateSpace, fourier: Float[Array, " case"], data: WindowData) -> Float[Array, "case time output"]:
+def _simulate_each(
+    system: StateSpace, fourier: Float[Array, " case"], data: WindowData
+) -> Float[Array, "case time output"]:
     """Dimensionless outputs at each diffusivity."""
     return jax.lax.map(lambda fo: simulate(system, fo, data.time, data.inputs, data.initial)[0], fourier)
 
 
-def _loads(case: Case, factors: np.ndarray, slope: np.ndarray) -> Loads | None:
-    """Flux and load at the inner face, from `-(k/k_eff) dT/dx` there at each factor, K/m."""
+def _heat_loads(case: Case, factors: np.ndarray, slope: np.ndarray) -> HeatLoads | None:
+    """The heat loads from `-(k/k_eff) dT/dx` at the inner face for each factor, K/m, `(factor, time)`."""
     conductivity = case.wall.effective_conductivity
     if conductivity is None:
         return None
     flux = conductivity * slope
     energy = np.asarray(np.trapezoid(flux[:, 1:], dx=case.record.step, axis=1))
     flux[:, 0] = np.nan
-    return Loads(
+    return HeatLoads(
         flux=flux[_AT_ESTIMATE],
         factors=factors,
         energy=energy,

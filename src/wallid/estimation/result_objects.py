@@ -1,65 +1,73 @@
-"""What an estimate is: a value, its interval, how it was found, and whether it can be relied on."""
+"""The result of an estimate from one window."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+import scipy
 
-from ..case.initial_profile import Profile
+from .._internal.errors import InputError
+from .._internal.html import html_table, interval_row
+from ..case.initial_profile import InitialProfile
 from ..case.time_window import Window
 from ..inference.identifiability import Identifiability
 from ..inference.parametric_bootstrap import Bootstrap
-from ..inference.quantity import Quantity
+from ..inference.quantity import NORMAL_95, Quantity
 from .heat_flux import ThermalProperties
 
-_WORDS = {"film_left": "left film", "film_right": "right film"}
+_LABELS = {"film_left": "left film", "film_right": "right film"}
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A diffusivity with its interval, and how it was found.
+    """The diffusivity of a wall with its uncertainty, and how it was obtained.
 
     Args:
-        value, std: m2/s. `std` is that of ln(alpha) times alpha: from the noise of sensors and faces, and from
-            offsets, position errors and the initial profile within their priors. With `weights="none"` from
-            the paper's simple sigma, and wider by the square root of the reduced chi-square where that is above 1.
-        interval_95: m2/s; `interval_kind` is "normal" (symmetric in ln(alpha)), or "profile likelihood" where the
-            cost is no parabola.
-        offsets: per sensor with an `offset_std`: name -> (value, std), K. `positions`: per sensor with a
-            `position_std`: name -> (true place minus stated, std), m. `face_positions`: the same of "left" and "right"
-            where there is a `face_position_std`.
-        result: "converged", or what stopped the iteration.
-        reliable: False where the record gives no number to rely on; `reason` says why.
-        iterations: Gauss-Newton steps of the paper's iteration; `evaluations` counts halved tries too. `rounds`: of
-            Gauss-Newton again, under the covariance found.
-        history: per iterate: diffusivity, cost, gamma_1, gamma_2; of the paper's iteration, then of the rounds.
-        reduced_chi_square: the cost under the noise as stated, over its degrees of freedom.
-        noise: what the record says of the noise, in words; `shares`: what each kind of error makes of the
-            variance, 1.
-        predicted, residual: degC and K (measured minus predicted; NaN where missing),
-            `(time, sensor)`, all that is free included.
-        covariance: of (ln alpha, offsets, positions, faces' places, profile), those in units of their prior.
-        singular_values: of the weighted sensitivity, largest first.
-        model_shift: relative change of the estimate that a reduced model's error against the large
-            model makes; 0 for the large model. It is counted in `std`.
-        profile: the initial profile that the window starts from.
-        model: what was fitted, in words.
-        bootstrap: a check of `std` and interval by drawn readings; None where none was asked for.
-        thermal: what heat fluxes told; None without any. `predicted` and `residual` then hold the plates' columns
-            after the sensors', W/m2, and there is no paper's iteration: `iterations` are of the rounds.
-        identifiability: which parameters the record tells apart; None for the paper's cost, or where the diffusivity
-            is alone.
-        structure: what else of the wall was free (`[choices] free`): "layer 1" and so on, m2/s; "film_left",
-            "film_right", conductivity over film coefficient, m.
+        value, std: diffusivity and its standard error (that of ln(alpha) times alpha), m2/s. The standard error counts
+            the noise of sensors and faces and, within their priors, offsets, position errors and the initial profile.
+            With `weights="none"` it comes from the paper's simple sigma, times the square root of the reduced
+            chi-square where that is above 1.
+        interval_95: m2/s.
+        offsets: for each sensor with an `offset_std`: name -> (value, std), K.
+        message: "converged", or why the iteration stopped.
+        reliable: whether the record determines the diffusivity; if not, `reason` says why.
+        iterations: Gauss-Newton steps of the paper's iteration. `evaluations`: of the cost, step halvings included.
+        history: diffusivity, cost, gamma_1 and gamma_2 of each iterate; the paper's iteration, then the GLS rounds.
+        reduced_chi_square: the cost with the stated noise divided by its degrees of freedom.
+        predicted, residual: prediction, degC, and measured minus predicted, K, `(time, sensor)`; all estimated
+            nuisance parameters included; the residual is NaN where a reading is missing. With flux plates their columns
+            follow the sensors', W/m2.
+        covariance: of ln(alpha), offsets, positions, face positions and initial profile; all but the first in units of
+            their prior standard deviation.
+        singular_values: of the weighted Jacobian, largest first.
+        model_shift: relative change of the estimate caused by the error of a reduced-order model; 0 for the full-order
+            model. Included in `std`.
+        profile: the initial profile of the window.
+        model_description: the fitted model, as text.
+        window: rows of the record.
+        positions: for each sensor with a `position_std`: name -> (true minus stated position, std), m.
+        face_positions: the same for the sensors of the "left" and "right" face with a `face_position_std`.
+        interval_kind: "normal" (symmetric in ln(alpha)), or "profile likelihood" where the cost is not quadratic.
+        rounds: rounds of GLS, each with the noise covariance estimated from the last residual.
+        noise_description: the noise that the interval is based on, as text.
+        variance_shares: share of each source of error in the variance, dimensionless.
+        bootstrap: parametric bootstrap of `std` and interval; None if not requested.
+        thermal: the thermal properties from heat fluxes; None without fluxes. With fluxes the paper's iteration is
+            omitted, and `iterations` counts GLS steps.
+        identifiability: which parameters the record distinguishes; None for `weights="none"`, or if the diffusivity is
+            the only parameter.
+        parameters: every nuisance parameter that was estimated, by name: (value, standard error), in its own unit.
+        wall_parameters: the other estimated parameters of the wall (`[choices] free`): "layer 1" and so on, m2/s;
+            "film_left" and "film_right", conductivity over film coefficient, m.
     """
 
     value: float
     std: float
     interval_95: tuple[float, float]
     offsets: dict[str, tuple[float, float]]
-    result: str
+    message: str
     reliable: bool
     reason: str
     iterations: int
@@ -71,40 +79,66 @@ class Estimate:
     covariance: np.ndarray = field(repr=False)
     singular_values: np.ndarray = field(repr=False)
     model_shift: float
-    profile: Profile
-    model: str
+    profile: InitialProfile
+    model_description: str
     window: Window
     positions: dict[str, tuple[float, float]] = field(default_factory=dict)
     face_positions: dict[str, tuple[float, float]] = field(default_factory=dict)
     interval_kind: Literal["normal", "profile likelihood"] = "normal"
     rounds: int = 0
-    noise: str = "the paper's simple sigma"
-    shares: dict[str, float] = field(default_factory=dict)
+    noise_description: str = "the paper's simple sigma"
+    variance_shares: dict[str, float] = field(default_factory=dict)
     bootstrap: Bootstrap | None = None
     thermal: ThermalProperties | None = None
     identifiability: Identifiability | None = None
-    structure: dict[str, Quantity] = field(default_factory=dict)
+    wall_parameters: dict[str, Quantity] = field(default_factory=dict)
+    parameters: dict[str, tuple[float, float]] = field(default_factory=dict, repr=False)
 
-    def __str__(self) -> str:
+    def conf_int(self, level: float = 0.95) -> tuple[float, float]:
+        """The confidence interval of the diffusivity at a level, m2/s.
+
+        At 0.95 it is `interval_95`. At another level each end's distance from ln(value) is scaled by the ratio of the
+        normal quantiles, `ln(end) = ln(value) + (z_level / z_0.95) ln(end_95 / value)`.
+
+        Args:
+            level: confidence level, between 0 and 1.
+
+        Raises:
+            InputError: the level is not between 0 and 1.
+        """
+        if not 0.0 < level < 1.0:
+            raise InputError(f"level = {level}; it must lie between 0 and 1")
+        if level == 0.95:
+            return self.interval_95
+        scale = float(scipy.special.ndtri(0.5 + 0.5 * level)) / NORMAL_95
+        low, high = (self.value * (end / self.value) ** scale for end in self.interval_95)
+        return low, high
+
+    def summary(self) -> str:
+        """Value, interval, fit and all estimated parameters, as text."""
         low, high = self.interval_95
         by = "" if self.interval_kind == "normal" else f", by the {self.interval_kind}"
-        found = f"{self.value:.4g} m2/s  +- {self.std:.1g}   (95 %: {low:.4g} to {high:.4g}{by})"
-        lines = [f"diffusivity  {found}"]
+        value = f"{self.value:.4g} m2/s  +- {self.std:.1g}   (95 %: {low:.4g} to {high:.4g}{by})"
+        lines = [f"diffusivity  {value}"]
         if not self.reliable:
-            lines = [f"diffusivity  NOT TO BE RELIED ON: {self.reason}", f"             the search ended at {found}"]
+            lines = [f"diffusivity  NOT TO BE RELIED ON: {self.reason}", f"             the search ended at {value}"]
         rounds = f", {self.rounds} rounds under the full covariance" if self.rounds else ""
         lines += [
-            f"model        {self.model}; {self.result} after {self.iterations} Gauss-Newton steps{rounds}",
-            f"residual     {self._left()} root mean square, "
-            f"reduced chi-square {self.reduced_chi_square:.2f}; {self.noise}",
+            f"model        {self.model_description}; {self.message} after {self.iterations} Gauss-Newton steps{rounds}",
+            f"residual     {self._residual_rms()} root mean square, "
+            f"reduced chi-square {self.reduced_chi_square:.2f}; {self.noise_description}",
         ]
-        if self.thermal is not None:  # plain averages stand by themselves, what follows from the estimate does not
-            lines += [str(self.thermal)] if self.reliable else [str(average) for average in self.thermal.averages]
-        lines += [f"{_WORDS.get(name, name):<12} {one}" for name, one in self.structure.items()]
+        if self.thermal is not None:  # the average method does not depend on the estimate
+            lines += (
+                [str(self.thermal)] if self.reliable else [str(average) for average in self.thermal.average_methods]
+            )
+        lines += [f"{_LABELS.get(name, name):<12} {one}" for name, one in self.wall_parameters.items()]
         if self.identifiability is not None and len(self.identifiability.names) > 1:
-            lines.append(f"told apart   {self.identifiability}")
-        if self.shares:
-            lines.append("variance     " + ", ".join(f"{name} {share:.0%}" for name, share in self.shares.items()))
+            lines.append(f"identifiable {self.identifiability}")
+        if self.variance_shares:
+            lines.append(
+                "variance     " + ", ".join(f"{name} {share:.0%}" for name, share in self.variance_shares.items())
+            )
         if self.bootstrap is not None:
             lines.append(str(self.bootstrap))
         if self.profile.eps_2 is not None:
@@ -120,17 +154,56 @@ class Estimate:
         ]
         return "\n".join(lines)
 
+    __str__ = summary
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain numbers, strings, lists and dicts, without the time series."""
+        constants = {"offsets": "K", "positions": "m", "face_positions": "m"}
+        return {
+            **Quantity(self.value, self.std, self.interval_95, "m2/s").result(),
+            "interval_kind": self.interval_kind,
+            "reliable": self.reliable,
+            "reason": self.reason,
+            "message": self.message,
+            "iterations": self.iterations,
+            "rounds": self.rounds,
+            "reduced_chi_square": self.reduced_chi_square,
+            "noise": self.noise_description,
+            "variance_shares": dict(self.variance_shares),
+            "model": self.model_description,
+            "model_shift": self.model_shift,
+            "window": {"row": self.window.row, "rows": self.window.rows},
+            **{
+                kind: {
+                    name: {"value": value, "std": std, "unit": unit}
+                    for name, (value, std) in getattr(self, kind).items()
+                }
+                for kind, unit in constants.items()
+            },
+            "wall_parameters": {name: one.result() for name, one in self.wall_parameters.items()},
+            "thermal": None if self.thermal is None else self.thermal.to_dict(),
+        }
+
+    def _repr_html_(self) -> str:
+        quantities = {"diffusivity": Quantity(self.value, self.std, self.interval_95, "m2/s")} | self.wall_parameters
+        quantities |= self.thermal.quantities if self.thermal is not None and self.reliable else {}
+        rows = [interval_row(_LABELS.get(name, name), one) for name, one in quantities.items()]
+        rows += [(f"offset of {name}", f"{x:+.3f}", f"± {std:.3f}", "K") for name, (x, std) in self.offsets.items()]
+        positions = (self.positions | self.face_positions).items()
+        rows += [(f"position of {name}", f"{1e3 * x:+.1f}", f"± {1e3 * std:.1f}", "mm") for name, (x, std) in positions]
+        return html_table("Diffusivity" if self.reliable else f"Not to be relied on: {self.reason}", rows)
+
     @property
-    def sensors(self) -> int:
-        """How many columns of `residual` are temperatures."""
-        return self.residual.shape[1] - (0 if self.thermal is None else len(self.thermal.gains))
+    def sensor_count(self) -> int:
+        """The number of columns of `residual` that are temperatures; the others are fluxes."""
+        return self.residual.shape[1] - (0 if self.thermal is None else len(self.thermal.plate_gains))
 
     @property
     def has_flux(self) -> bool:
-        """Whether a flux told anything."""
-        return bool(np.isfinite(self.residual[:, self.sensors :]).any())
+        """Whether any flux reading was used."""
+        return bool(np.isfinite(self.residual[:, self.sensor_count :]).any())
 
-    def _left(self) -> str:
-        """The residual's size."""
-        parts = (self.residual[:, : self.sensors], "K"), (self.residual[:, self.sensors :], "W/m2")
+    def _residual_rms(self) -> str:
+        """The root mean square of the residual, as text."""
+        parts = (self.residual[:, : self.sensor_count], "K"), (self.residual[:, self.sensor_count :], "W/m2")
         return " and ".join(f"{np.sqrt(np.nanmean(part**2)):.3g} {unit}" for part, unit in parts if part.size)

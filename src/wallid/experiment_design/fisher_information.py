@@ -1,14 +1,14 @@
-"""What readings can tell: the Fisher information of a window, under the covariance that its interval will have.
+"""The Fisher information matrix of a window, and the design criteria computed from it.
 
     M = J' R^-1 J + P,      R = S S' + sum_f s_f^2 G_f G_f'
 
-over `p = (ln(alpha), z)`, with z all that the estimate leaves free in units of its priors: the faces' common noise,
-the initial profile's modes, offsets and position errors, with flux plates ln(conductivity) and their calibrations. `S`
-holds the sensors' and plates' noise, `G_f` the readings' response to a face, both as stated; `P` is 1 for each z. No
-reading is needed for it but the faces', so that sensors can be thought of where there are none; the plates' noise is
-beside what fluxes they read, by the conductivity stated or that of mean fluxes.
+The parameters are `p = (ln(alpha), z)`. The nuisance parameters z are in units of their prior standard deviations: the
+faces' common noise, the modes of the initial profile, offsets and position errors; with flux plates also
+ln(conductivity) and the plates' calibration errors. `S` holds the noise of sensors and plates and `G_f` the response of
+the readings to a face temperature, both as stated in the case. `P` is 1 for each z and 0 for ln(alpha). Only the face
+temperatures of the record are used, so M can be computed for sensors that do not exist yet.
 
-A criterion makes one number of M (Kiefer's mean of its eigenvalues `m_i`, all in units of information)::
+A criterion reduces M to one number (Kiefer's mean of its eigenvalues `m_i`, in units of information)::
 
     D: (prod m_i)^(1/p)        A: p / sum(1 / m_i)        E: min m_i
 
@@ -32,109 +32,120 @@ from ..case.wall_and_sensors import Sensor
 from .information_contributions import Contribution, Whitening, whitened
 
 Criterion = Literal["D", "A", "E"]
-Of = Literal["diffusivity", "constants", "all"]
+ParametersOfInterest = Literal["diffusivity", "constants", "all"]
 Robust = Literal["no", "expected", "worst"]
 
 ROBUST_FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
-"""Of the prior: over these a robust design looks where nothing else is said."""
-HOPELESS = 1e3
-"""A relative standard error past which nothing is told."""
-_NOTHING = 1e-12  # of the largest eigenvalue: no information along that direction
+"""Default diffusivities of a robust design, relative to the prior."""
+UNINFORMATIVE_STD = 1e3
+"""A relative standard error of the diffusivity above which a window counts as uninformative."""
+_RANK_TOLERANCE = 1e-12  # relative to the largest eigenvalue; a smaller one means no information in that direction
 
 
-def check_words(criterion: str, of: str, robust: str) -> None:
-    """Refuse unknown choices.
+def check_choices(criterion: str, of: str, robust: str) -> None:
+    """Check the names of the design options.
 
     Raises:
-        InputError: which one.
+        InputError: an option has an unknown value.
     """
     one_of("criterion", criterion, ("D", "A", "E"))
     one_of("of", of, ("diffusivity", "constants", "all"))
     one_of("robust", robust, ("no", "expected", "worst"))
 
 
-def alphas_of(case: Case, diffusivities: Sequence[float] | None, robust: str) -> tuple[float, ...]:
-    """At which diffusivities a design looks, m2/s: the prior, and with a robust one up to four times as much and less.
+def design_diffusivities(case: Case, diffusivities: Sequence[float] | None, robust: str) -> tuple[float, ...]:
+    """The diffusivities at which a design is evaluated, m2/s.
+
+    Args:
+        diffusivities: m2/s; None for the prior, and for a robust design also `ROBUST_FACTORS` times the prior.
+
+    Returns:
+        the diffusivities; the first is the nominal one.
 
     Raises:
-        InputError: none, or one that is not above 0.
+        InputError: the list is empty, or a diffusivity is not positive.
     """
     prior = case.wall.diffusivity_prior
     if diffusivities is None:
-        # the prior comes first: it is what the words speak of
+        # the prior comes first: the printed summary refers to the first diffusivity
         others = [factor * prior for factor in ROBUST_FACTORS if factor != 1.0] if robust != "no" else []
         return (prior, *others)
-    found = tuple(float(alpha) for alpha in diffusivities)
-    if not found or not all(0.0 < alpha < math.inf for alpha in found):
-        raise InputError(f"diffusivities = {list(found)}; at least one is needed, each above 0 m2/s")
-    return found
+    alphas = tuple(float(alpha) for alpha in diffusivities)
+    if not alphas or not all(0.0 < alpha < math.inf for alpha in alphas):
+        raise InputError(f"diffusivities = {list(alphas)}; at least one is needed, each above 0 m2/s")
+    return alphas
 
 
-def size(matrix: Float[np.ndarray, "param param"], criterion: Criterion) -> float:
-    """One number for an information matrix, itself in units of information; 0 where a direction is not told."""
+def criterion_value(matrix: Float[np.ndarray, "param param"], criterion: Criterion) -> float:
+    """The D-, A- or E-criterion of an information matrix, in units of information; 0 for a singular matrix."""
     eigenvalues = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
-    if not np.all(np.isfinite(eigenvalues)) or eigenvalues[0] <= _NOTHING * max(eigenvalues[-1], 1e-300):
+    if not np.all(np.isfinite(eigenvalues)) or eigenvalues[0] <= _RANK_TOLERANCE * max(eigenvalues[-1], 1e-300):
         return 0.0
     if criterion == "D":
         return float(np.exp(np.mean(np.log(eigenvalues))))
     return float(len(eigenvalues) / np.sum(1.0 / eigenvalues)) if criterion == "A" else float(eigenvalues[0])
 
 
-def merit(sizes: Float[np.ndarray, "case candidate"], robust: Robust) -> Float[np.ndarray, " candidate"]:
-    """Each candidate's criterion over the best one's, 1: at the first diffusivity, or over all of them.
+def relative_criterion(values: Float[np.ndarray, "case candidate"], robust: Robust) -> Float[np.ndarray, " candidate"]:
+    """The criterion of each candidate divided by that of the best candidate, dimensionless.
 
-    "expected" takes the geometric mean over the diffusivities, "worst" the smallest (Dette's standardised maximin).
+    Args:
+        values: the criterion, `(diffusivity, candidate)`.
+        robust: "no" takes the first diffusivity, "expected" the geometric mean over all of them, "worst" the smallest
+            (standardised maximin).
+
     Source: H. Dette, J. R. Stat. Soc. B 59 (1997), 97.
     """
-    largest = sizes.max(axis=1, keepdims=True)
-    share = sizes / np.where(largest > 0, largest, 1.0)
+    largest = values.max(axis=1, keepdims=True)
+    efficiency = values / np.where(largest > 0, largest, 1.0)
     if robust == "no":
-        return share[0]
+        return efficiency[0]
     if robust == "worst":
-        return share.min(axis=0)
+        return efficiency.min(axis=0)
     with np.errstate(divide="ignore"):
-        return np.exp(np.mean(np.log(share), axis=0))
+        return np.exp(np.mean(np.log(efficiency), axis=0))
 
 
-def fisher(seen: Sequence[Contribution], whitening: Whitening) -> Float[np.ndarray, "param param"]:
-    """M over ln(alpha), what all sensors share, then each sensor's own, with the priors in."""
-    white = whitened(seen, whitening)
+def information_matrix(contributions: Sequence[Contribution], whitening: Whitening) -> Float[np.ndarray, "param param"]:
+    """M for ln(alpha), the nuisance parameters common to all sensors, then those of each sensor; priors included."""
+    white = whitened(contributions, whitening)
     return white.T @ white + np.diag((np.arange(white.shape[1]) > 0).astype(float))
 
 
-def on(matrix: Float[np.ndarray, "param param"], kept: list[int]) -> Float[np.ndarray, "kept kept"]:
-    """The information on some parameters, the others projected out."""
-    rest = [place for place in range(len(matrix)) if place not in kept]
-    found = matrix[kept][:, kept]
+def marginal_information(
+    matrix: Float[np.ndarray, "param param"], indices: list[int]
+) -> Float[np.ndarray, "index index"]:
+    """The information on some parameters with the others projected out: `M_aa - M_ab M_bb^-1 M_ba`."""
+    rest = [index for index in range(len(matrix)) if index not in indices]
+    block = matrix[indices][:, indices]
     if not rest:
-        return found
-    mixed = matrix[kept][:, rest]
-    return found - mixed @ np.linalg.solve(matrix[rest][:, rest], mixed.T)
+        return block
+    cross = matrix[indices][:, rest]
+    return block - cross @ np.linalg.solve(matrix[rest][:, rest], cross.T)
 
 
-def std_of(matrix: Float[np.ndarray, "param param"]) -> float:
-    """The relative standard error of the diffusivity that an information leaves, 1."""
-    on_log = float(on(matrix, [0])[0, 0])
-    return 1.0 / math.sqrt(on_log) if on_log > HOPELESS**-2 else math.inf
+def relative_std(matrix: Float[np.ndarray, "param param"]) -> float:
+    """The relative standard error of the diffusivity from an information matrix; infinite for an uninformative one."""
+    log_alpha_information = float(marginal_information(matrix, [0])[0, 0])
+    return 1.0 / math.sqrt(log_alpha_information) if log_alpha_information > UNINFORMATIVE_STD**-2 else math.inf
 
 
-def criterion_of(matrix: Float[np.ndarray, "param param"], criterion: Criterion, kept: list[int]) -> float:
-    """The criterion of what M says of some parameters; of the diffusivity alone every one is its information."""
-    found = on(matrix, kept)
-    return max(float(found[0, 0]), 0.0) if len(kept) == 1 else size(found, criterion)
+def criterion_of(matrix: Float[np.ndarray, "param param"], criterion: Criterion, indices: list[int]) -> float:
+    """The criterion of the marginal information on some parameters; for one parameter D, A and E are the same."""
+    marginal = marginal_information(matrix, indices)
+    return max(float(marginal[0, 0]), 0.0) if len(indices) == 1 else criterion_value(marginal, criterion)
 
 
-def kept(of: Of, seen: Sequence[Contribution]) -> list[int]:
-    """The places in M of the parameters that a criterion is of."""
-    shared, own = seen[0].shared.shape[1], sum(one.own.shape[1] for one in seen)
+def indices_of_interest(of: ParametersOfInterest, contributions: Sequence[Contribution]) -> list[int]:
+    """The indices in M of the parameters that the criterion is computed for."""
+    shared, own = contributions[0].shared.shape[1], sum(one.own.shape[1] for one in contributions)
     if of == "all":
         return list(range(shared + own))
     return [0, *range(shared, shared + own)] if of == "constants" else [0]
 
 
-def like(sensors: Sequence[Sensor], **given: float | None) -> Sensor:
-    """A sensor as the case has them: the median of each of their standard deviations where none is given."""
-    names = ("noise_std", "position_std", "offset_std")
-    usual = {name: float(np.median([getattr(sensor, name) for sensor in sensors])) for name in names}
-    found = {name: usual[name] if given.get(name) is None else given[name] for name in names}
-    return replace(sensors[0], name="another", **found)
+def typical_sensor(sensors: Sequence[Sensor], **stds: float | None) -> Sensor:
+    """A sensor with the given standard deviations; for None the median over the sensors of the case."""
+    medians = {name: float(np.median([getattr(sensor, name) for sensor in sensors])) for name in stds}
+    stated = {name: std for name, std in stds.items() if std is not None}
+    return replace(sensors[0], name="another", **(medians | stated))

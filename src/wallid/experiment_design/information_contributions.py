@@ -1,7 +1,6 @@
-"""What sensors and plates see in windows of a record: their readings' derivatives, and the covariance of their errors.
+"""The Jacobian and the noise covariance of binned readings, sensor by sensor, from which the information follows.
 
-The derivatives and the response to the faces are those of `courses`, put together in bins as the estimate's readings
-are.
+Derivatives and face response come from `predicted_response`. Rows are averaged in bins as in the estimate.
 """
 
 from __future__ import annotations
@@ -15,210 +14,225 @@ import scipy
 from jaxtyping import Float
 
 from ..case.case_definition import Case
-from ..case.initial_profile import fit_profile, window_span
+from ..case.initial_profile import fit_profile, window_temperature_range
 from ..case.time_window import Window
 from ..case.wall_and_sensors import Sensor
 from ..inference.noise_covariance import MOST_READINGS
-from ..inference.nuisance_parameters import CONDUCTIVITY_STD, noise_within
+from ..inference.nuisance_parameters import CONDUCTIVITY_STD, wiener_filtered_noise
 from ..inference.position_errors import face_position_flux_jacobian, face_position_jacobian
 from ..models.flux_plates import conductance_of, flux_gain_std, flux_noise_std, fluxes_of
-from .predicted_response import PredictedResponse, held
+from .predicted_response import PredictedResponse, response_to_sampled_faces
 
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """The Cholesky factor of the readings' covariance, sensor after sensor.
+    """The Cholesky factor of the readings' covariance, extended sensor by sensor.
 
     Args:
-        root: L, `R = L L'`. through: what each reading makes of the faces' noise in each bin, K.
+        cholesky: L with `R = L L'`, K, `(reading, reading)`.
+        face_noise: effect of one standard deviation of each face's noise in each bin, K, `(reading, face and bin)`.
     """
 
-    root: np.ndarray
-    through: np.ndarray
+    cholesky: np.ndarray
+    face_noise: np.ndarray
 
     @staticmethod
-    def none(bins: int) -> Whitening:
-        """Before the first sensor."""
+    def empty(bins: int) -> Whitening:
+        """The factor before the first sensor."""
         return Whitening(np.zeros((0, 0)), np.zeros((0, bins)))
 
     def whiten(self, columns: np.ndarray) -> np.ndarray:
-        """`L^-1` times columns of readings."""
-        return scipy.linalg.solve_triangular(self.root, columns, lower=True)
+        """`L^-1` times columns, `(reading, column)`."""
+        return scipy.linalg.solve_triangular(self.cholesky, columns, lower=True)
 
-    def beside(self, through: np.ndarray, variance: np.ndarray) -> Whitening:
-        """With one more sensor's readings."""
-        shared = self.through @ through.T
-        mixed = scipy.linalg.solve_triangular(self.root, shared, lower=True) if len(self.root) else self.root
-        mixed = mixed.reshape(len(self.root), len(through))
-        corner = np.linalg.cholesky(through @ through.T + np.diag(variance) - mixed.T @ mixed)
-        root = np.block([[self.root, np.zeros_like(mixed)], [mixed.T, corner]])
-        return Whitening(root, np.concatenate([self.through, through]))
+    def with_sensor(self, face_noise: np.ndarray, variance: np.ndarray) -> Whitening:
+        """The factor with the readings of one more sensor (block Cholesky update)."""
+        L, cross = self.cholesky, self.face_noise @ face_noise.T
+        lower = scipy.linalg.solve_triangular(L, cross, lower=True) if len(L) else L.reshape(0, len(face_noise))
+        corner = np.linalg.cholesky(face_noise @ face_noise.T + np.diag(variance) - lower.T @ lower)
+        extended = np.block([[L, np.zeros_like(lower)], [lower.T, corner]])
+        return Whitening(extended, np.concatenate([self.face_noise, face_noise]))
 
 
 @dataclass(frozen=True, eq=False)
 class Contribution:
-    """One sensor's or plate's binned readings in one window: derivatives and noise.
+    """The binned readings of one sensor or plate in one window: derivatives and noise.
 
     Args:
-        shared: by ln(alpha), the faces' places, common noise, modes, and with plates ln(conductivity), K.
-        own: by its offset and its position error, or by its calibration, K.
-        through, variance: of the faces' noise and its own, where there is a reading. present: those bins.
+        shared: derivatives with respect to ln(alpha), face sensor positions, common face noise, initial modes and,
+            with plates, ln(conductivity); nuisance parameters per prior standard deviation, K, `(bin, shared)`.
+        own: derivatives with respect to its offset and position error, or to its calibration error, K, `(bin, own)`.
+        face_noise: effect of the faces' noise, K. variance: of its own noise, K2, `(bin,)`.
+        present: the number of readings in each bin, as bytes: the key under which a whitening is cached.
     """
 
     shared: Float[np.ndarray, "bin shared"]
     own: Float[np.ndarray, "bin own"]
-    through: np.ndarray
+    face_noise: np.ndarray
     variance: np.ndarray
     present: bytes
 
 
 @dataclass(eq=False)
 class WindowContributions:
-    """Windows seen at one diffusivity, with what is kept from window to window.
+    """The contributions of sensors and plates in several windows, at one diffusivity.
 
     Args:
-        rows: of the record in each window.
-        stride: rows of the courses from one reading to the next, of faces and sensors alike.
+        predicted: the predicted response in each window.
+        starts: first rows of the windows. rows: of the record in each window.
+        bin_rows: readings averaged in one bin.
+        stride: rows of the predicted response between two readings, for faces and sensors alike.
+        whitening_cache: whitenings already computed.
     """
 
     case: Case
-    courses: PredictedResponse
+    predicted: PredictedResponse
     starts: np.ndarray
     rows: int
     bin_rows: int = 1
     stride: int = 1
-    kept: dict[tuple, Whitening] = field(default_factory=dict)
+    whitening_cache: dict[tuple, Whitening] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        answer = self.courses.response if self.stride == 1 else held(self.courses.response, self.stride)
-        rows = answer.shape[1]
+        response = self.predicted.face_response
+        response = response if self.stride == 1 else response_to_sampled_faces(response, self.stride)
+        rows = response.shape[1]
         self.bins = -(-rows // self.bin_rows)
-        padded = np.pad(answer, ((0, 0), (0, self.bins * self.bin_rows - rows), (0, 0)))
-        ends = np.cumsum(padded, axis=1).reshape(2, self.bins, self.bin_rows, -1).mean(axis=2)
-        # of a bin's mean to a change of a face over a whole bin, as in NoiseModel
-        self.answer = np.diff(ends, axis=1, prepend=0.0)
-        self.toeplitz: dict[int, np.ndarray] = {}
-        self.plated = bool(fluxes_of(self.case))
-        self.conductance = conductance_of(self.case) if self.plated else 1.0
+        padded = np.pad(response, ((0, 0), (0, self.bins * self.bin_rows - rows), (0, 0)))
+        step_response = np.cumsum(padded, axis=1).reshape(2, self.bins, self.bin_rows, -1).mean(axis=2)
+        # response of a bin's mean to a face temperature that changes for one entire bin, as in NoiseShape
+        self.bin_response = np.diff(step_response, axis=1, prepend=0.0)
+        self.face_noise_cache: dict[int, np.ndarray] = {}
+        self.has_plates = bool(fluxes_of(self.case))
+        self.conductance = conductance_of(self.case) if self.has_plates else 1.0
 
-    def through(self, place: int) -> np.ndarray:
-        """What the readings at a place make of white noise of the faces, K, `(bin, face and bin)`."""
-        if place not in self.toeplitz:
+    def face_noise(self, index: int) -> np.ndarray:
+        """Effect of one standard deviation of the faces' white noise on an output, K, `(bin, face and bin)`."""
+        if index not in self.face_noise_cache:
             std = self.case.record.boundary_noise_std / math.sqrt(self.bin_rows)
-            parts = [std * scipy.linalg.toeplitz(face, np.zeros(self.bins)) for face in self.answer[:, :, place]]
-            self.toeplitz[place] = np.concatenate(parts, axis=1)
-        return self.toeplitz[place]
+            parts = [std * scipy.linalg.toeplitz(face, np.zeros(self.bins)) for face in self.bin_response[:, :, index]]
+            self.face_noise_cache[index] = np.concatenate(parts, axis=1)
+        return self.face_noise_cache[index]
 
-    def contribution(self, window: int, place: int, sensor: Sensor, present: np.ndarray | None = None) -> Contribution:
-        """What a sensor at a place sees; without `present` it has a reading in every row."""
-        courses, rows = self.courses, slice(None, None, self.stride)
-        slope = courses.slope[window, rows, place]
-        gradient = courses.gradient[window, rows, place]
-        moved = self.moved(slope, gradient, place)
-        shared = [slope, *moved, *self.common(window), *self.waves(window, place)]
-        if self.plated:
-            shared.append(np.zeros(len(slope)))  # a temperature tells nothing of the conductivity
-        own = []
-        if sensor.offset_std > 0:
-            own.append(np.full(len(slope), sensor.offset_std))
-        if sensor.position_std > 0:
-            own.append(sensor.position_std * gradient)
-        return self._seen(place, shared, own, sensor.noise_std, present)
-
-    def contributions_of_case(
-        self, window: int, present: np.ndarray, read: np.ndarray
-    ) -> list[tuple[int, Contribution]]:
-        """What the case's sensors and plates see, each with its place among the outputs.
+    def contribution(self, window: int, index: int, sensor: Sensor, present: np.ndarray | None = None) -> Contribution:
+        """The contribution of a sensor at one output.
 
         Args:
-            present, read: where there is a temperature, `(time, sensor)`, and a flux that is used, `(time, flux)`.
+            window: index of the window. index: of the output.
+            present: rows with a reading, `(time,)`; None for all.
         """
-        sensors, first = self.case.sensors, len(self.courses.places)
-        found = [(s, self.contribution(window, s, sensor, present[:, s])) for s, sensor in enumerate(sensors)]
-        return found + [(place, self._plate(window, place, there)) for place, there in enumerate(read.T, start=first)]
+        rows = slice(None, None, self.stride)
+        sensitivity = self.predicted.sensitivity[window, rows, index]
+        gradient = self.predicted.gradient[window, rows, index]
+        face_positions = self.face_position_derivatives(sensitivity, gradient, index)
+        shared = [sensitivity, *face_positions, *self.common_face_noise(window), *self.initial_modes(window, index)]
+        if self.has_plates:
+            shared.append(np.zeros(len(sensitivity)))  # temperatures do not depend on the conductivity
+        own = []
+        if sensor.offset_std > 0:
+            own.append(np.full(len(sensitivity), sensor.offset_std))
+        if sensor.position_std > 0:
+            own.append(sensor.position_std * gradient)
+        return self._binned_contribution(index, shared, own, sensor.noise_std, present)
 
-    def _plate(self, window: int, place: int, present: np.ndarray) -> Contribution:
+    def contributions_of_case(
+        self, window: int, present: np.ndarray, flux_present: np.ndarray
+    ) -> list[tuple[int, Contribution]]:
+        """The contributions of the case's sensors and plates, each with the index of its output.
+
+        Args:
+            present: where a temperature is present, `(time, sensor)`.
+            flux_present: where a flux is present and used, `(time, flux)`.
+        """
+        plates = enumerate(flux_present.T, start=len(self.predicted.positions))
+        return [
+            *((s, self.contribution(window, s, one, present[:, s])) for s, one in enumerate(self.case.sensors)),
+            *((index, self._plate_contribution(window, index, used)) for index, used in plates),
+        ]
+
+    def _plate_contribution(self, window: int, index: int, present: np.ndarray) -> Contribution:
         case, rows = self.case, slice(None, None, self.stride)
-        slope, flux = (course[window, rows, place] for course in (self.courses.slope, self.courses.temperature))
+        sensitivity = self.predicted.sensitivity[window, rows, index]
+        flux = self.predicted.temperature[window, rows, index]
         std, gain_std = case.record.face_position_std, flux_gain_std(case)
-        moved = std * face_position_flux_jacobian(slope, flux, case.wall.length) if std > 0 else []
-        common = [np.zeros(len(slope)) for _ in self.common(window)]
-        shared = [slope, *moved, *common, *self.waves(window, place), CONDUCTIVITY_STD * flux]
+        face_positions = std * face_position_flux_jacobian(sensitivity, flux, case.wall.length) if std > 0 else []
+        common = [np.zeros(len(sensitivity)) for _ in self.common_face_noise(window)]
+        shared = [sensitivity, *face_positions, *common, *self.initial_modes(window, index), CONDUCTIVITY_STD * flux]
         own = [gain_std * flux] if gain_std > 0 else []
-        return self._seen(place, shared, own, flux_noise_std(case) / self.conductance, present)
+        return self._binned_contribution(index, shared, own, flux_noise_std(case) / self.conductance, present)
 
-    def _seen(
+    def _binned_contribution(
         self,
-        place: int,
+        index: int,
         shared: Sequence[np.ndarray],
         own: Sequence[np.ndarray],
         noise_std: float,
         present: np.ndarray | None,
     ) -> Contribution:
-        """Derivatives at the rows put together."""
+        """A contribution from derivatives at each row, averaged in bins."""
         present = np.ones(len(shared[0]), bool) if present is None else present
         values, count = self.binned(np.column_stack([*shared, *own]), present)
-        there = count > 0
+        filled = count > 0
         return Contribution(
-            shared=values[there, : len(shared)],
-            own=values[there, len(shared) :],
-            through=self.through(place)[there],
-            variance=noise_std**2 / count[there],
+            shared=values[filled, : len(shared)],
+            own=values[filled, len(shared) :],
+            face_noise=self.face_noise(index)[filled],
+            variance=noise_std**2 / count[filled],
             present=count.tobytes(),
         )
 
-    def moved(self, slope: np.ndarray, gradient: np.ndarray, place: int) -> np.ndarray:
-        """What one standard deviation of the places of the faces' sensors makes of a place's readings, K."""
-        std = self.case.record.face_position_std
+    def face_position_derivatives(self, sensitivity: np.ndarray, gradient: np.ndarray, index: int) -> np.ndarray:
+        """Effect of one standard deviation of each face sensor's position on an output, K, `(face, time)`."""
+        std, position = self.case.record.face_position_std, self.predicted.positions[index]
         if std == 0.0:
-            return np.zeros((0, len(slope)))
-        return std * face_position_jacobian(slope, gradient, self.courses.places[place], self.case.wall.length)
+            return np.zeros((0, len(sensitivity)))
+        return std * face_position_jacobian(sensitivity, gradient, position, self.case.wall.length)
 
     def binned(
         self, values: Float[np.ndarray, "time column"], present: np.ndarray
     ) -> tuple[Float[np.ndarray, "bin column"], Float[np.ndarray, " bin"]]:
-        """The mean of the rows present in each bin, 0 in an empty one, and how many these are."""
-        count = self._total(present[:, None].astype(float))
-        return self._total(values * present[:, None]) / np.maximum(count, 1.0), count[:, 0]
+        """The mean over the rows present in each bin (0 in an empty one), and their number."""
+        count = self._bin_sums(present[:, None].astype(float))
+        return self._bin_sums(values * present[:, None]) / np.maximum(count, 1.0), count[:, 0]
 
-    def _total(self, values: np.ndarray) -> np.ndarray:
-        short = ((0, self.bins * self.bin_rows - len(values)), (0, 0))
-        return np.pad(values, short).reshape(self.bins, self.bin_rows, -1).sum(axis=1)
+    def _bin_sums(self, values: np.ndarray) -> np.ndarray:
+        missing = ((0, self.bins * self.bin_rows - len(values)), (0, 0))
+        return np.pad(values, missing).reshape(self.bins, self.bin_rows, -1).sum(axis=1)
 
-    def common(self, window: int) -> list[np.ndarray]:
-        """What of the faces' readings may be noise, which sensors of one logger may share, K."""
+    def common_face_noise(self, window: int) -> list[np.ndarray]:
+        """One standard deviation of the faces' noise that all sensors of one logger may have in common, K."""
         std = self.case.record.boundary_noise_std
         if std == 0.0 or not self.case.sensors:
             return []
-        return [noise_within(face, std) for face in self.courses.faces[window, :: self.stride].T]
+        return [wiener_filtered_noise(face, std) for face in self.predicted.faces[window, :: self.stride].T]
 
-    def waves(self, window: int, place: int) -> np.ndarray:
-        """The initial profile's free modes, K; none where it was given."""
+    def initial_modes(self, window: int, index: int) -> np.ndarray:
+        """One prior standard deviation of each initial-profile mode, K, `(mode, time)`; none for a known profile."""
         row = int(self.starts[window])
         if fit_profile(self.case, row).eps_2 is None:
             return np.zeros((0, 0))
-        span = window_span(self.case, Window(row, self.rows))
-        waves = self.courses.waves[:, :: self.stride, place]
-        return span / np.arange(1, len(waves) + 1)[:, None] * waves
+        span = window_temperature_range(self.case, Window(row, self.rows))
+        modes = self.predicted.initial_modes[:, :: self.stride, index]
+        return span / np.arange(1, len(modes) + 1)[:, None] * modes
 
-    def whitening(self, keys: Sequence[tuple[int, Contribution]]) -> Whitening:
-        """Of several sensors at places; the same sensors with the same rows missing are gone through once."""
-        key = tuple((place, seen.present) for place, seen in keys)
-        if key not in self.kept:
-            found = Whitening.none(2 * self.bins)
-            for _, seen in keys:
-                found = found.beside(seen.through, seen.variance)
-            self.kept[key] = found
-        return self.kept[key]
+    def whitening(self, contributions: Sequence[tuple[int, Contribution]]) -> Whitening:
+        """The whitening of several sensors; computed once for the same sensors with the same missing readings."""
+        key = tuple((index, one.present) for index, one in contributions)
+        if key not in self.whitening_cache:
+            whitening = Whitening.empty(2 * self.bins)
+            for _, one in contributions:
+                whitening = whitening.with_sensor(one.face_noise, one.variance)
+            self.whitening_cache[key] = whitening
+        return self.whitening_cache[key]
 
 
-def whitened(seen: Sequence[Contribution], whitening: Whitening) -> Float[np.ndarray, "reading param"]:
-    """`L^-1 J` over ln(alpha), what all sensors share, then each sensor's own."""
-    own = sum(one.own.shape[1] for one in seen)
-    shared = seen[0].shared.shape[1]
-    J = np.zeros((sum(len(one.shared) for one in seen), shared + own))
+def whitened(contributions: Sequence[Contribution], whitening: Whitening) -> Float[np.ndarray, "reading param"]:
+    """`L^-1 J` for ln(alpha), the nuisance parameters common to all sensors, then those of each sensor."""
+    own = sum(one.own.shape[1] for one in contributions)
+    shared = contributions[0].shared.shape[1]
+    J = np.zeros((sum(len(one.shared) for one in contributions), shared + own))
     row, column = 0, shared
-    for one in seen:
+    for one in contributions:
         J[row : row + len(one.shared), :shared] = one.shared
         J[row : row + len(one.own), column : column + one.own.shape[1]] = one.own
         row, column = row + len(one.shared), column + one.own.shape[1]
@@ -226,5 +240,5 @@ def whitened(seen: Sequence[Contribution], whitening: Whitening) -> Float[np.nda
 
 
 def rows_per_bin(readings: int) -> int:
-    """How many rows are put together so that a dense covariance holds them."""
+    """The number of rows averaged in a bin so that the dense covariance stays small enough."""
     return max(1, math.ceil(readings / MOST_READINGS))

@@ -1,7 +1,7 @@
-"""What sensors at some places of a case's wall, and its flux plates, would see in some windows of its record.
+"""The predicted response of sensors at any positions, and of the flux plates, in windows of a record.
 
-Nothing but the faces is taken from the record, so that sensors can be thought of where there are none. A plate reads
-`q L / k` here, K: what it says of the diffusivity does not depend on the conductivity then.
+Only the face temperatures are taken from the record, so the sensors need not exist. A flux is scaled to `q L / k`, K,
+which makes its information on the diffusivity independent of the conductivity.
 """
 
 from __future__ import annotations
@@ -26,66 +26,73 @@ from ..models.state_space import StateSpace
 
 @dataclass(frozen=True, eq=False)
 class PredictedResponse:
-    """What sensors at some places, then the plates, would see in some windows at one diffusivity.
+    """The predicted response at one diffusivity; the outputs are the sensors, then the plates.
 
     Args:
-        temperature: degC; of a plate q L / k, K. slope: its derivative by ln(alpha), K. gradient: dT/dx at the places,
-            K/m.
-        response: to 1 K more at one row of a face, 1.
-        waves: the initial profile's modes as they fade, 1, each of them 1 at its start in the middle of its shape.
-        faces: in each window, degC.
-        places: m from the left face.
+        temperature: degC; of a plate q L / k, K.
+        sensitivity: dT/d(ln alpha), K.
+        gradient: dT/dx at the sensors, K/m.
+        face_response: response to a face temperature that is 1 K higher at one row, dimensionless.
+        initial_modes: the decaying modes of the initial profile, dimensionless; amplitude 1 at the window's start.
+        faces: face temperatures in each window, degC.
+        positions: of the sensors, m from the left face.
     """
 
     temperature: Float[np.ndarray, "window time output"]
-    slope: Float[np.ndarray, "window time output"]
-    gradient: Float[np.ndarray, "window time place"]
-    response: Float[np.ndarray, "face time output"]
-    waves: Float[np.ndarray, "mode time output"]
+    sensitivity: Float[np.ndarray, "window time output"]
+    gradient: Float[np.ndarray, "window time sensor"]
+    face_response: Float[np.ndarray, "face time output"]
+    initial_modes: Float[np.ndarray, "mode time output"]
     faces: Float[np.ndarray, "window time face"]
-    places: Float[np.ndarray, " place"]
+    positions: Float[np.ndarray, " sensor"]
 
-    def until(self, rows: int) -> PredictedResponse:
-        """The first so many rows."""
-        timed = [field.name for field in fields(self) if field.name != "places"]
+    def first_rows(self, rows: int) -> PredictedResponse:
+        """The response in the first `rows` rows of each window."""
+        timed = [field.name for field in fields(self) if field.name != "positions"]
         return replace(self, **{name: getattr(self, name)[:, :rows] for name in timed})
 
 
 class ResponseModel:
-    """A case's large model with temperatures at some places, its plates, and gradients at these places.
+    """The full-order model of a case, with temperatures and gradients at any positions and the plates' fluxes.
 
     Args:
-        places: m from the left face.
-        refine: rows of the courses for each row of the record; the faces are straight lines between its rows.
+        positions: of the sensors, m from the left face.
+        refinement: time steps per row of the record; the face temperatures are interpolated linearly between rows.
     """
 
-    def __init__(self, case: Case, places: Sequence[float], refine: int = 1):
-        self.case, self.refine, self.places = case, refine, np.asarray(places, dtype=float)
-        self.outputs = [*(Output(x) for x in places), *plate_outputs(case)]
-        outputs = [*self.outputs, *(Output(x, "gradient") for x in places)]
+    def __init__(self, case: Case, positions: Sequence[float], refinement: int = 1):
+        self.case, self.refinement, self.positions = case, refinement, np.asarray(positions, dtype=float)
+        self.outputs = [*(Output(x) for x in positions), *plate_outputs(case)]
+        outputs = [*self.outputs, *(Output(x, "gradient") for x in positions)]
         self.system = finite_volume_model(
             case.wall, outputs, nodes=case.choices.nodes, profile_degree=profile_degree(case)
         ).modal()
         self.scale = scales(case)
 
     def faces(self, start: int, rows: int) -> Float[np.ndarray, "time face"]:
-        """The faces in a window, on straight lines between the record's rows, degC; held past the record's end."""
-        own = np.asarray(self.case.record.faces[start : start + rows])
-        own = np.pad(own, ((0, rows - len(own)), (0, 0)), mode="edge")
-        if self.refine == 1:
-            return own
-        ends = np.arange((rows - 1) * self.refine + 1) / self.refine
-        return np.stack([np.interp(ends, np.arange(rows), course) for course in own.T], axis=1)
+        """Face temperatures in a window, degC: linear between rows, constant after the end of the record."""
+        faces = np.asarray(self.case.record.faces[start : start + rows])
+        faces = np.pad(faces, ((0, rows - len(faces)), (0, 0)), mode="edge")
+        if self.refinement == 1:
+            return faces
+        times = np.arange((rows - 1) * self.refinement + 1) / self.refinement
+        return np.stack([np.interp(times, np.arange(rows), face) for face in faces.T], axis=1)
 
     def predict(
         self, starts: np.ndarray, rows: int, diffusivity: float, faces: np.ndarray | None = None
     ) -> PredictedResponse:
-        """The courses in windows that begin at these rows, with the record's faces or others in their place."""
+        """The predicted response in several windows.
+
+        Args:
+            starts: first rows of the windows, `(window,)`. rows: of the record in each window.
+            diffusivity: m2/s.
+            faces: face temperatures, degC, `(window, time, face)`; None for those of the record.
+        """
         case, scale = self.case, self.scale
         faces = np.stack([self.faces(int(row), rows) for row in starts]) if faces is None else faces
         profiles = [fit_profile(case, int(row)) for row in starts]
         initial = np.stack([dimensionless_profile(profile.coefficients, scale) for profile in profiles])
-        fourier, step = scale.fourier(diffusivity), case.record.step / scale.time / self.refine
+        fourier, step = scale.fourier_number(diffusivity), case.record.step / scale.time / self.refinement
         u, theta, response = _run(
             self.system,
             on_device(fourier),
@@ -93,19 +100,19 @@ class ResponseModel:
             on_device(scale.dimensionless(faces)),
             on_device(initial),
         )
-        P, outputs, modes = len(self.places), len(self.outputs), min(PROFILE_MODES, case.choices.nodes - 2)
+        P, outputs, modes = len(self.positions), len(self.outputs), min(PROFILE_MODES, case.choices.nodes - 2)
         rates = np.asarray(self.system.A)[::-1][:modes]
         shapes = np.asarray(self.system.C)[:outputs, ::-1][:, :modes]
-        fade = np.exp(fourier * step * np.outer(rates, np.arange(faces.shape[1])))
+        decay = np.exp(fourier * step * np.outer(rates, np.arange(faces.shape[1])))
         u = np.asarray(u)
         return PredictedResponse(
             temperature=np.concatenate([scale.celsius(u[:, :, :P]), scale.temperature * u[:, :, P:outputs]], axis=2),
-            slope=scale.temperature * fourier * np.asarray(theta)[:, :, :outputs],
+            sensitivity=scale.temperature * fourier * np.asarray(theta)[:, :, :outputs],
             gradient=scale.temperature / case.wall.length * u[:, :, outputs:],
-            response=np.asarray(response)[:, :, :outputs],
-            waves=fade[:, :, None] * shapes.T[:, None, :],
+            face_response=np.asarray(response)[:, :, :outputs],
+            initial_modes=decay[:, :, None] * shapes.T[:, None, :],
             faces=faces,
-            places=self.places,
+            positions=self.positions,
         )
 
 
@@ -117,7 +124,7 @@ def _run(
     inputs: Float[Array, "window time input"],
     initial: Float[Array, "window param"],
 ) -> tuple[Array, Array, Array]:
-    """u and theta in each window, and the response to the faces: one compilation for all diffusivities."""
+    """u and theta in each window, and the face response; compiled once for all diffusivities."""
 
     def one(window: tuple[Array, Array]) -> tuple[Array, Array]:
         u, theta = run_rows(system, fourier, step, *window, sensitivity=True)
@@ -128,11 +135,8 @@ def _run(
     return u, theta, face_response(system, fourier, step, inputs.shape[1])
 
 
-def held(response: np.ndarray, stride: int) -> np.ndarray:
-    """The response to a face read every so many rows: a straight line up to a reading and down from it."""
+def response_to_sampled_faces(response: np.ndarray, stride: int) -> np.ndarray:
+    """The response to faces that are read every `stride` rows and interpolated linearly between two readings."""
     hat = 1.0 - np.abs(np.arange(1 - stride, stride)) / stride
-    rows = response.shape[1]
-    out = np.stack(
-        [[np.convolve(column, hat)[stride - 1 : stride - 1 + rows : stride] for column in face.T] for face in response]
-    )
-    return out.transpose(0, 2, 1)
+    sampled = slice(stride - 1, stride - 1 + response.shape[1], stride)
+    return np.stack([[np.convolve(column, hat)[sampled] for column in face.T] for face in response]).transpose(0, 2, 1)

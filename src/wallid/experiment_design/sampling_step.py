@@ -1,4 +1,4 @@
-"""What a record logged more often or more rarely would tell."""
+"""The expected uncertainty of the diffusivity for other sampling steps of the record."""
 
 from __future__ import annotations
 
@@ -10,146 +10,151 @@ import numpy as np
 
 from .._internal.errors import InputError
 from ..case.case_definition import Case
-from ..case.time_window import HasBest, Window, as_window, check_unbroken, whole
+from ..case.time_window import HasBestWindow, Window, as_window, check_unbroken, entire_record
 from ..inference.quantity import NORMAL_95
 from ..models.flux_plates import untold_rows
-from ..records.table_columns import FEWEST_ROWS
-from .fisher_information import fisher, std_of
+from ..records.table_columns import MIN_ROWS
+from .fisher_information import information_matrix, relative_std
 from .information_contributions import WindowContributions, rows_per_bin, whitened
 from .predicted_response import ResponseModel
 
 
 @dataclass(frozen=True, eq=False)
 class SamplingComparison:
-    """What the interval would be with faces and sensors logged more often or more rarely.
+    """The expected interval of the diffusivity for each sampling step of faces and sensors.
 
     Args:
-        steps: s, from row to row. rows: how many the window has then.
-        std: the relative standard error of the diffusivity that is expected, 1. spans: of the 95 % interval, its upper
-            end over its lower.
-        shift: what straight lines between rarer rows make of the diffusivity, relative; 0 for the record's own step and
-            finer ones, for which the record does not tell what it left out.
-        own: the record's step, s.
+        steps: sampling steps, s, `(step,)`. rows: number of rows of the window at each step.
+        std: expected relative standard error of the diffusivity, dimensionless.
+        interpolation_bias: relative bias of the diffusivity from linear interpolation of the face temperatures between
+            rows; 0 for the record's step and finer ones, where the true temperatures between rows are unknown.
+        record_step: the record's step, s.
+        diffusivity: at which all was computed, m2/s.
+        labels: first and last time stamp of the window.
     """
 
     steps: np.ndarray
     rows: np.ndarray
     std: np.ndarray
-    shift: np.ndarray
-    own: float
+    interpolation_bias: np.ndarray
+    record_step: float
     diffusivity: float
     labels: tuple[str, str]
 
     @property
-    def spans(self) -> np.ndarray:
-        """The 95 % interval's upper end over its lower, 1."""
+    def interval_ratio(self) -> np.ndarray:
+        """Upper end of the expected 95 % interval divided by its lower end."""
         return np.exp(np.minimum(2 * NORMAL_95 * self.std, 700.0))
 
     def __str__(self) -> str:
         if not np.isfinite(self.std).any():
-            return "sampling     no step would tell anything here: the faces stand still"
+            return "sampling     no sampling step is informative: the face temperatures are constant"
         lines = [
             f"sampling     {self.labels[0]} to {self.labels[1]} at alpha = {self.diffusivity:.3g} m2/s, noise as stated"
         ]
-        for step, rows, std, shift in zip(self.steps, self.rows, self.std, self.shift, strict=True):
-            mark = "  <- the record's" if abs(step - self.own) < 1e-6 * step else ""
+        for step, rows, std, bias in zip(self.steps, self.rows, self.std, self.interpolation_bias, strict=True):
+            mark = "  <- the record's" if abs(step - self.record_step) < 1e-6 * step else ""
             half = math.expm1(min(NORMAL_95 * std, 700.0))
             lines.append(
                 f"  every {step:7.6g} s ({rows:6d} rows)   95 % interval: up to {half:+8.1%}   "
-                f"faces straight between rows: {shift:+.1%}{mark}"
+                f"bias by interpolated faces: {bias:+.1%}{mark}"
             )
         return "\n".join(lines)
 
 
 def compare_sampling_steps(
     case: Case,
-    window: Window | HasBest | None = None,
+    window: Window | HasBestWindow | None = None,
     *,
     factors: Sequence[float] = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0),
     diffusivity: float | None = None,
 ) -> SamplingComparison:
-    """What the diffusivity's interval would be with a row more often or more rarely.
+    """The expected interval of the diffusivity for finer and coarser sampling steps.
 
-    Each reading keeps the noise that is stated; between rarer rows the faces are straight lines, whose error is told
-    as a shift of the estimate. What happens between the record's own rows nobody knows: finer steps are taken along
-    its straight lines.
+    Each reading has the stated noise. With a coarser step the face temperatures are interpolated linearly between rows;
+    the bias that this causes is given too. Between two rows of the record itself the true face temperatures are
+    unknown, so for finer steps they are taken as linear.
 
     Args:
-        window: None for the whole record, or its longest unbroken part. Sensors are taken to be logged with the faces.
-        factors: of the record's step: whole numbers, or one over such. Those that leave fewer than six rows are left
-            out.
+        window: rows of the record; None for the whole record, or its longest unbroken part. All sensors are assumed to
+            be logged together with the faces.
+        factors: sampling steps relative to the record's: integers or their reciprocals. Steps that leave too few rows
+            are omitted.
         diffusivity: m2/s; None for the prior.
 
+    Returns:
+        rows, expected standard error and bias for each step.
+
     Raises:
-        InputError: no sensor, or a factor that is neither.
+        InputError: the case has no sensor, or a factor is neither an integer nor the reciprocal of one.
     """
     if not case.sensors:
-        raise InputError(f"{case.path}: no [[sensor]]: the sampling is asked of temperatures inside the wall")
-    window = whole(case) if window is None else as_window(window)
+        raise InputError(f"{case.path}: no [[sensor]]: sampling steps are compared for temperatures inside the wall")
+    window = entire_record(case) if window is None else as_window(window)
     check_unbroken(case, window)
     alpha = case.wall.diffusivity_prior if diffusivity is None else diffusivity
     refine, strides = _strides(factors)
     fine = (window.rows - 1) * refine + 1
-    strides = strides[(fine - 1) // strides + 1 >= FEWEST_ROWS]
+    strides = strides[(fine - 1) // strides + 1 >= MIN_ROWS]
     if not len(strides):
-        raise InputError(f"factors = {list(factors)}: each leaves fewer than {FEWEST_ROWS} of {window.rows} rows")
+        raise InputError(f"factors = {list(factors)}: each leaves fewer than {MIN_ROWS} of {window.rows} rows")
     model = ResponseModel(case, [sensor.position for sensor in case.sensors], refine)
-    own = model.faces(window.row, window.rows)
-    faces = np.stack([own, *(_straight(own, int(stride)) for stride in strides)])
+    faces = model.faces(window.row, window.rows)
+    faces = np.stack([faces, *(_interpolated_faces(faces, int(stride)) for stride in strides)])
     starts = np.full(len(faces), window.row)
-    courses = model.predict(starts, window.rows, alpha, faces)
-    rows, told = (fine - 1) // strides + 1, []
+    predicted = model.predict(starts, window.rows, alpha, faces)
+    rows, results = (fine - 1) // strides + 1, []
     for k, stride in enumerate(strides, start=1):
-        bins = rows_per_bin(int(rows[k - 1]) * len(model.outputs))
-        looking = WindowContributions(case, courses, starts, window.rows, bins, int(stride))
-        told.append(_at_step(looking, k, case.record.step * int(stride) / refine))
-    std, shift = np.array(told).T
+        bin_rows = rows_per_bin(int(rows[k - 1]) * len(model.outputs))
+        contributions = WindowContributions(case, predicted, starts, window.rows, bin_rows, int(stride))
+        results.append(_std_and_bias(contributions, k, case.record.step * int(stride) / refine))
+    std, log_bias = np.array(results).T
     stamp = case.record.stamp
     return SamplingComparison(
         steps=case.record.step * strides / refine,
         rows=rows,
         std=std,
-        shift=np.expm1(shift),
-        own=case.record.step,
+        interpolation_bias=np.expm1(log_bias),
+        record_step=case.record.step,
         diffusivity=alpha,
         labels=(str(stamp(window.row)), str(stamp(window.row + window.rows))),
     )
 
 
-def _at_step(looking: WindowContributions, window: int, step: float) -> tuple[float, float]:
-    """The relative standard error that rows so many seconds apart leave, and the shift of ln(alpha) by their lines."""
-    case, courses = looking.case, looking.courses
-    # what the readings are beside what the straight lines predict
-    apart = (courses.temperature[0] - courses.temperature[window])[:: looking.stride]
-    present = np.ones(apart.shape, bool)
+def _std_and_bias(contributions: WindowContributions, window: int, step: float) -> tuple[float, float]:
+    """The relative standard error at a sampling step, s, and the bias of ln(alpha) by interpolated faces."""
+    case, temperature = contributions.case, contributions.predicted.temperature
+    # readings under the true faces minus the prediction under interpolated ones
+    residual = (temperature[0] - temperature[window])[:: contributions.stride]
+    present = np.ones(residual.shape, bool)
     sensors = len(case.sensors)
-    present[: untold_rows(case, len(apart), step), sensors:] = False
-    keyed = looking.contributions_of_case(window, present[:, :sensors], present[:, sensors:])
-    seen, whitening = [one for _, one in keyed], looking.whitening(keyed)
-    matrix = fisher(seen, whitening)
-    if (std := std_of(matrix)) == math.inf:
+    present[: untold_rows(case, len(residual), step), sensors:] = False
+    indexed = contributions.contributions_of_case(window, present[:, :sensors], present[:, sensors:])
+    each, whitening = [one for _, one in indexed], contributions.whitening(indexed)
+    matrix = information_matrix(each, whitening)
+    if (std := relative_std(matrix)) == math.inf:
         return std, 0.0
-    binned = [looking.binned(course[:, None], there) for course, there in zip(apart.T, present.T, strict=True)]
+    binned = [contributions.binned(one[:, None], used) for one, used in zip(residual.T, present.T, strict=True)]
     white = whitening.whiten(np.concatenate([mean[count > 0] for mean, count in binned]))[:, 0]
-    return std, float(np.linalg.solve(matrix, whitened(seen, whitening).T @ white)[0])
+    return std, float(np.linalg.solve(matrix, whitened(each, whitening).T @ white)[0])
 
 
 def _strides(factors: Sequence[float]) -> tuple[int, np.ndarray]:
-    """How much finer the finest step is than the record's, and each step in rows of that.
+    """The refinement of the record's step by the finest one, and each step as a multiple of the finest.
 
     Raises:
-        InputError: a factor that is neither a whole number nor one over such.
+        InputError: a factor is neither an integer nor the reciprocal of one.
     """
     parts = [round(1.0 / factor) if 0.0 < factor < 1.0 else 1 for factor in factors]
     refine = math.lcm(*parts) if parts else 1
     strides = np.array([factor * refine for factor in factors])
-    whole_ones = np.round(strides)
-    if not len(strides) or np.any(np.abs(strides - whole_ones) > 1e-6 * np.abs(strides)) or whole_ones.min() < 1:
-        raise InputError(f"factors = {list(factors)}: each must be a whole number (2, 4) or one over such (0.5, 0.25)")
-    return refine, np.unique(whole_ones.astype(int))
+    rounded = np.round(strides)
+    if not len(strides) or np.any(np.abs(strides - rounded) > 1e-6 * np.abs(strides)) or rounded.min() < 1:
+        raise InputError(f"factors = {list(factors)}: each must be an integer (2, 4) or the reciprocal of one (0.5)")
+    return refine, np.unique(rounded.astype(int))
 
 
-def _straight(faces: np.ndarray, stride: int) -> np.ndarray:
-    """Faces as they are when only every so many rows are read: straight lines between."""
-    at = np.arange(len(faces))
-    return np.stack([np.interp(at, at[::stride], course[::stride]) for course in faces.T], axis=1)
+def _interpolated_faces(faces: np.ndarray, stride: int) -> np.ndarray:
+    """Face temperatures read every `stride` rows and interpolated linearly between."""
+    rows = np.arange(len(faces))
+    return np.stack([np.interp(rows, rows[::stride], face[::stride]) for face in faces.T], axis=1)

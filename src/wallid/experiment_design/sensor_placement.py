@@ -1,10 +1,10 @@
-"""Where a further sensor would tell most.
+"""The most informative positions of additional sensors.
 
     M(x) = M + Jt' Jt,      Jt = L_x^-1 (J_x - R_x R^-1 J),      L_x L_x' = R_xx - R_x R^-1 R_x'
 
-A further sensor at x adds what its readings tell beyond those that are there, flux plates among them: the faces'
-noise, offsets and position errors, its own too, are counted as the interval counts them. Several are found one after
-the other (greedily).
+An additional sensor at x adds the information of its readings that the existing sensors and flux plates do not give.
+Face noise, offsets and position errors, including those of the new sensor, are counted as in the interval of the
+estimate. Several sensors are placed one after the other (greedy search).
 
 Source: D. Ucinski, Optimal Measurement Methods for Distributed Parameter System Identification (2004).
 """
@@ -13,233 +13,277 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from .._internal.errors import InputError
+from .._internal.html import html_table
 from ..case.case_definition import Case
-from ..case.time_window import HasBest, Window, as_window, check_unbroken, whole
+from ..case.time_window import HasBestWindow, Window, as_window, check_unbroken, entire_record
 from ..case.wall_and_sensors import Sensor
 from ..models.flux_plates import flux_readings
 from .fisher_information import (
     Criterion,
-    Of,
+    ParametersOfInterest,
     Robust,
-    alphas_of,
-    check_words,
+    check_choices,
     criterion_of,
-    fisher,
-    kept,
-    like,
-    merit,
-    std_of,
+    design_diffusivities,
+    indices_of_interest,
+    information_matrix,
+    relative_criterion,
+    relative_std,
+    typical_sensor,
 )
 from .information_contributions import WindowContributions, rows_per_bin
 from .predicted_response import ResponseModel
-from .window_selection import criterion_words
+from .window_selection import criterion_text
 
-_CANDIDATES = 19  # evenly between the faces
-_MOST_ADDED = 6
-_NEAR = 0.98
+_CANDIDATE_COUNT = 19  # evenly spaced between the faces
+_MAX_ADDED = 6
+_NEARLY_BEST = 0.98  # relative criterion of positions that are reported as equally good
 _ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
 
 
 @dataclass(frozen=True, eq=False)
 class SensorPlacement:
-    """What one further sensor at each candidate place would add, then the next, and so on.
+    """The expected effect of one additional sensor at each candidate position, then of a second one, and so on.
 
     Args:
-        places: the candidates, m from the left face.
-        there: the sensors that there are, m. sensor: what a further one is like.
-        diffusivities: at which it was looked, m2/s.
-        before: the criterion with the sensors that there are, by diffusivity.
-        after: with one more at each place, `(added, diffusivity, place)`.
-        std_before, std: the relative standard error of the diffusivity that is expected, alike.
-        chosen: the best place, then the best beside it, and so on, m.
-        window: of the record, in which `labels` says when.
+        candidates: candidate positions, m from the left face, `(candidate,)`.
+        existing: positions of the existing sensors, m.
+        sensor: the assumed additional sensor, with its standard deviations.
+        diffusivities: at which the criterion was evaluated, m2/s.
+        criterion_before: the criterion with the existing sensors, `(diffusivity,)`.
+        criterion_after: with one more sensor at each candidate, `(added, diffusivity, candidate)`.
+        std_before, std: expected relative standard error of the diffusivity, shapes as the criterion's.
+        chosen: the best position, then the best one given the first, and so on, m.
+        window: rows of the record; `labels`: their first and last time stamp.
+        criterion_name, of, robust: as given to `place_sensors`.
     """
 
-    places: np.ndarray
-    there: tuple[float, ...]
+    candidates: np.ndarray
+    existing: tuple[float, ...]
     sensor: Sensor
     diffusivities: tuple[float, ...]
-    before: np.ndarray = field(repr=False)
-    after: np.ndarray = field(repr=False)
+    criterion_before: np.ndarray = field(repr=False)
+    criterion_after: np.ndarray = field(repr=False)
     std_before: np.ndarray = field(repr=False)
     std: np.ndarray = field(repr=False)
     chosen: tuple[float, ...]
     window: Window
     labels: tuple[str, str]
-    kind: Criterion
-    of: Of
+    criterion_name: Criterion
+    of: ParametersOfInterest
     robust: Robust
 
     @property
-    def gain(self) -> np.ndarray:
-        """The criterion with one more over that before it at the first diffusivity, `(added, place)`, 1."""
-        at = [self.before[0], *(self.after[k, 0, self._index(k)] for k in range(len(self.chosen) - 1))]
+    def criterion_gain(self) -> np.ndarray:
+        """Ratio of the criterion with one more sensor to that before it, first diffusivity, `(added, candidate)`."""
+        after = self.criterion_after[:, 0]
+        before = [
+            self.criterion_before[0],
+            *(row[self._index(x)] for row, x in zip(after, self.chosen[:-1], strict=False)),
+        ]
         with np.errstate(divide="ignore", invalid="ignore"):
-            return self.after[:, 0] / np.array(at)[:, None]
+            return after / np.array(before)[:, None]
 
     @property
     def best(self) -> float:
-        """Where one further sensor tells most, m."""
+        """The best position of one additional sensor, m from the left face."""
         return self.chosen[0]
 
-    def merit(self, added: int = 0) -> np.ndarray:
-        """By which a place is chosen: its criterion over the best one's, 1."""
-        return merit(self.after[added], self.robust)
+    def relative_criterion(self, added: int = 0) -> np.ndarray:
+        """The criterion of each candidate divided by that of the best one, dimensionless, `(candidate,)`."""
+        return relative_criterion(self.criterion_after[added], self.robust)
 
-    def _index(self, added: int) -> int:
-        return int(np.argmin(np.abs(self.places - self.chosen[added])))
+    def _index(self, position: float) -> int:
+        return int(np.argmin(np.abs(self.candidates - position)))
 
-    def __str__(self) -> str:
+    def summary(self) -> str:
+        """The best positions with the expected standard errors, as text."""
         if not np.isfinite(self.std[0, 0]).any():
-            return "sensors      no further sensor would tell anything here: the faces stand still"
+            return "sensors      no additional sensor would be informative: the face temperatures are constant"
         lines, before = [], self.std_before
-        for k, place in enumerate(self.chosen):
-            at = self._index(k)
-            near = _spans(self.places, self.merit(k) >= _NEAR * self.merit(k).max())
+        for k, position in enumerate(self.chosen):
+            relative, count = self.relative_criterion(k), len(self.existing) + k
             lines.append(
-                f"{f'sensor {len(self.there) + k + 1}':<12} a {_ordinal(len(self.there) + k)} sensor helps most at "
-                f"{place:.3g} m from the left face (as good within 2 %: {near}):"
+                f"{f'sensor {count + 1}':<12} a {_ordinal(count)} sensor helps most at {position:.3g} m from the left "
+                f"face (as good within 2 %: {_ranges(self.candidates, relative >= _NEARLY_BEST * relative.max())}):"
             )
-            after = self.std[k, :, at]
+            after = self.std[k, :, self._index(position)]
             lines.append(
-                f"             the diffusivity's standard error goes from {before[0]:.2%} to {after[0]:.2%}"
+                f"             the standard error of the diffusivity goes from {before[0]:.2%} to {after[0]:.2%}"
                 + (f" (at worst {before.max():.2%} to {after.max():.2%})" if self.robust != "no" else "")
             )
             before = after
         lines.append(
-            f"criterion    {criterion_words(self.kind, self.of, self.robust, self.diffusivities)};\n"
+            f"criterion    {criterion_text(self.criterion_name, self.of, self.robust, self.diffusivities)};\n"
             f"             in the window {self.labels[0]} to {self.labels[1]}, noise as stated"
         )
         lines += [
-            f"  at {place:7.3g} m   standard error {std:8.2%}   criterion times {gain:6.3g}"
-            for place, std, gain in zip(self.places, self.std[0, 0], self.gain[0], strict=True)
+            f"  at {position:7.3g} m   standard error {std:8.2%}   criterion times {gain:6.3g}"
+            for position, std, gain in zip(self.candidates, self.std[0, 0], self.criterion_gain[0], strict=True)
         ]
         return "\n".join(lines)
 
+    __str__ = summary
 
-def _spans(places: np.ndarray, near: np.ndarray) -> str:
-    """Runs of neighbouring places."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], near.astype(int), [0]])))
-    runs = [places[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain numbers, lists and strings, without the arrays over candidates and diffusivities."""
+        stds = [float(self.std[k, 0, self._index(position)]) for k, position in enumerate(self.chosen)]
+        return {
+            "positions": list(self.chosen),
+            "relative_std": stds,
+            "relative_std_before": float(self.std_before[0]),
+            "criterion": self.criterion_name,
+            "of": self.of,
+            "robust": self.robust,
+            "diffusivities": list(self.diffusivities),
+            "start": self.labels[0],
+            "end": self.labels[1],
+        }
+
+    def _repr_html_(self) -> str:
+        stds = self.to_dict()["relative_std"]
+        rows = [
+            (f"position {k}", f"{x:.3g}", f"relative standard error {std:.2%}", "m")
+            for k, (x, std) in enumerate(zip(self.chosen, stds, strict=True), start=1)
+        ]
+        return html_table("Additional sensors", rows)
+
+
+def _ranges(positions: np.ndarray, selected: np.ndarray) -> str:
+    """The ranges of neighbouring selected positions, as text."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], selected.astype(int), [0]])))
+    runs = [positions[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True)]
     return ", ".join(f"{run[0]:.3g}" if len(run) == 1 else f"{run[0]:.3g} to {run[-1]:.3g}" for run in runs) + " m"
 
 
-def _ordinal(place: int) -> str:
-    return _ORDINALS[place] if place < len(_ORDINALS) else f"{place + 1}th"
+def _ordinal(index: int) -> str:
+    return _ORDINALS[index] if index < len(_ORDINALS) else f"{index + 1}th"
 
 
 def place_sensors(
     case: Case,
-    window: Window | HasBest | None = None,
+    window: Window | HasBestWindow | None = None,
     *,
-    places: Sequence[float] | None = None,
+    candidates: Sequence[float] | None = None,
     count: int = 1,
     criterion: Criterion = "D",
-    of: Of = "diffusivity",
+    of: ParametersOfInterest = "diffusivity",
     robust: Robust = "no",
     diffusivities: Sequence[float] | None = None,
     noise_std: float | None = None,
     position_std: float | None = None,
     offset_std: float | None = None,
 ) -> SensorPlacement:
-    """Where a further sensor would tell most of the diffusivity, given those that there are.
+    """The positions where additional sensors add most information on the diffusivity, given the existing sensors.
 
     Args:
-        window: None for the whole record, or its longest unbroken part.
-        places: candidates, m from the left face; None for 19 evenly between the faces.
-        count: how many to add, one after the other.
-        criterion, of: the information on the "diffusivity", for which D, A and E agree, on it and the "constants"
-            (offsets and position errors), or on "all" that the estimate leaves free without the further sensor.
-        robust: over the diffusivities: "no" takes the first, "expected" or "worst" all.
-        diffusivities: m2/s; None for the prior, and with a robust choice a quarter to four times as much.
-        noise_std, position_std, offset_std: of the further sensor, K, m, K; None for the median of those there are.
+        window: rows of the record; None for the whole record, or its longest unbroken part.
+        candidates: candidate positions, m from the left face; None for 19 evenly spaced ones.
+        count: number of sensors to add, one after the other.
+        criterion: "D", "A" or "E".
+        of: the parameters of the criterion: the "diffusivity" alone (D, A and E agree), with the "constants" (offsets
+            and position errors), or "all" parameters of the estimate without the additional sensor.
+        robust: "no" takes the first diffusivity, "expected" the mean over all, "worst" the worst of all.
+        diffusivities: m2/s; None for the prior, and for a robust design a quarter to four times the prior.
+        noise_std, position_std, offset_std: of the additional sensor, K, m, K; None for the median over the existing
+            sensors.
+
+    Returns:
+        the criterion and the expected standard error at each candidate, and the chosen positions.
 
     Raises:
-        InputError: no sensor to compare with, a place outside the wall, or an unknown choice.
+        InputError: the case has no sensor, a candidate is outside the wall, or an option is unknown.
+
+    Source: D. Ucinski, Optimal Measurement Methods for Distributed Parameter System Identification (2004).
     """
-    check_words(criterion, of, robust)
-    alphas = alphas_of(case, diffusivities, robust)
+    check_choices(criterion, of, robust)
+    alphas = design_diffusivities(case, diffusivities, robust)
     if not case.sensors:
-        raise InputError(f"{case.path}: no [[sensor]]: where a further one helps is asked beside at least one")
-    if not 1 <= count <= _MOST_ADDED:
-        raise InputError(f"count = {count}: 1 to {_MOST_ADDED} further sensors can be placed")
-    window = whole(case) if window is None else as_window(window)
+        raise InputError(f"{case.path}: no [[sensor]]: an additional sensor is placed given at least one existing one")
+    if not 1 <= count <= _MAX_ADDED:
+        raise InputError(f"count = {count}: 1 to {_MAX_ADDED} additional sensors can be placed")
+    window = entire_record(case) if window is None else as_window(window)
     check_unbroken(case, window)
-    candidates = _candidates(case, places)
-    sensor = like(case.sensors, noise_std=noise_std, position_std=position_std, offset_std=offset_std)
-    there = [s.position for s in case.sensors]
-    model = ResponseModel(case, [*there, *candidates])
-    bin_rows = rows_per_bin(window.rows * (len(model.outputs) - len(candidates) + count))
-    looks = []
+    positions = _candidate_positions(case, candidates)
+    sensor = typical_sensor(case.sensors, noise_std=noise_std, position_std=position_std, offset_std=offset_std)
+    existing = [s.position for s in case.sensors]
+    model = ResponseModel(case, [*existing, *positions])
+    bin_rows = rows_per_bin(window.rows * (len(model.outputs) - len(positions) + count))
+    states: list[_PlacementState] = []
     for alpha in alphas:
-        courses = model.predict(np.array([window.row]), window.rows, alpha)
-        looks.append(_Look(case, WindowContributions(case, courses, np.array([window.row]), window.rows, bin_rows), of))
-    before = np.array([criterion_of(look.matrix, criterion, look.kept) for look in looks])
+        predicted = model.predict(np.array([window.row]), window.rows, alpha)
+        contributions = WindowContributions(case, predicted, np.array([window.row]), window.rows, bin_rows)
+        states.append(_PlacementState(case, contributions, of))
+    before = np.array([criterion_of(state.matrix, criterion, state.indices) for state in states])
     after, std, chosen = [], [], []
     for _ in range(count):
-        found = [[look.with_one(sensor, len(there) + c) for c in range(len(candidates))] for look in looks]
-        after.append([[criterion_of(M, criterion, looks[0].kept) for M in row] for row in found])
-        std.append([[std_of(M) for M in row] for row in found])
-        best = int(np.argmax(merit(np.array(after[-1]), robust)))
+        matrices = [
+            [state.information_with(sensor, len(existing) + c) for c in range(len(positions))] for state in states
+        ]
+        after.append([[criterion_of(M, criterion, states[0].indices) for M in row] for row in matrices])
+        std.append([[relative_std(M) for M in row] for row in matrices])
+        best = int(np.argmax(relative_criterion(np.array(after[-1]), robust)))
         chosen.append(best)
-        for look in looks:
-            look.add(sensor, len(there) + best)
+        for state in states:
+            state.add(sensor, len(existing) + best)
     stamp = case.record.stamp
     return SensorPlacement(
-        places=candidates,
-        there=tuple(there),
+        candidates=positions,
+        existing=tuple(existing),
         sensor=sensor,
         diffusivities=alphas,
-        before=before,
-        after=np.array(after),
-        std_before=np.array([look.std_before for look in looks]),
+        criterion_before=before,
+        criterion_after=np.array(after),
+        std_before=np.array([state.std_before for state in states]),
         std=np.array(std),
-        chosen=tuple(float(candidates[c]) for c in chosen),
+        chosen=tuple(float(positions[c]) for c in chosen),
         window=window,
         labels=(str(stamp(window.row)), str(stamp(window.row + window.rows))),
-        kind=criterion,
+        criterion_name=criterion,
         of=of,
         robust=robust,
     )
 
 
-class _Look:
-    """The window at one diffusivity with the sensors that there are, and those added."""
+class _PlacementState:
+    """The information at one diffusivity from the existing sensors and those added so far."""
 
-    def __init__(self, case: Case, looking: WindowContributions, of: Of):
-        window = Window(int(looking.starts[0]), looking.rows)
-        present, read = (np.isfinite(x) for x in (case.record.sensors[window.part], flux_readings(case, window)))
-        self.logged = np.asarray(present.any(axis=1))  # a further sensor has its readings when any of the others has
-        self.looking = looking
-        self.seen = looking.contributions_of_case(0, present, read)
-        self.matrix = self._fisher(self.seen)
-        self.kept = kept(of, [one for _, one in self.seen])
-        self.std_before = std_of(self.matrix)
+    def __init__(self, case: Case, window: WindowContributions, of: ParametersOfInterest):
+        rows = Window(int(window.starts[0]), window.rows)
+        present, flux_present = (
+            np.isfinite(x) for x in (case.record.sensors[rows.as_slice], flux_readings(case, rows))
+        )
+        self.row_present = np.asarray(present.any(axis=1))  # the rows in which an additional sensor has a reading
+        self.window = window
+        self.contributions = window.contributions_of_case(0, present, flux_present)
+        contributions = [one for _, one in self.contributions]
+        self.matrix = information_matrix(contributions, window.whitening(self.contributions))
+        self.indices = indices_of_interest(of, contributions)
+        self.std_before = relative_std(self.matrix)
 
-    def _fisher(self, seen) -> np.ndarray:
-        return fisher([one for _, one in seen], self.looking.whitening(seen))
-
-    def with_one(self, sensor: Sensor, place: int) -> np.ndarray:
+    def information_with(self, sensor: Sensor, index: int) -> np.ndarray:
         """M with one more sensor."""
-        one = self.looking.contribution(0, place, sensor, self.logged)
-        whitening = self.looking.whitening(self.seen).beside(one.through, one.variance)
-        return fisher([*(seen for _, seen in self.seen), one], whitening)
+        added = self.window.contribution(0, index, sensor, self.row_present)
+        whitening = self.window.whitening(self.contributions).with_sensor(added.face_noise, added.variance)
+        return information_matrix([*(one for _, one in self.contributions), added], whitening)
 
-    def add(self, sensor: Sensor, place: int) -> None:
-        """Keep one more sensor."""
-        self.seen = [*self.seen, (place, self.looking.contribution(0, place, sensor, self.logged))]
+    def add(self, sensor: Sensor, index: int) -> None:
+        """Count one more sensor among the existing ones."""
+        added = self.window.contribution(0, index, sensor, self.row_present)
+        self.contributions = [*self.contributions, (index, added)]
 
 
-def _candidates(case: Case, places: Sequence[float] | None) -> np.ndarray:
-    """The candidate places, in their order from the left."""
+def _candidate_positions(case: Case, candidates: Sequence[float] | None) -> np.ndarray:
+    """The candidate positions from left to right, m."""
     length = case.wall.length
-    if places is None:
-        return length * np.arange(1, _CANDIDATES + 1) / (_CANDIDATES + 1)
-    found = np.unique(np.asarray(places, float))
-    if not len(found) or not np.all((found > 0) & (found < length)):
-        raise InputError(f"places = {list(places)}; at least one is needed, each between 0 and {length:g} m")
-    return found
+    if candidates is None:
+        return length * np.arange(1, _CANDIDATE_COUNT + 1) / (_CANDIDATE_COUNT + 1)
+    positions = np.unique(np.asarray(candidates, float))
+    if not len(positions) or not np.all((positions > 0) & (positions < length)):
+        raise InputError(f"candidates = {list(candidates)}; at least one is needed, each between 0 and {length:g} m")
+    return positions

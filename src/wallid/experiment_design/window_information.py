@@ -1,4 +1,8 @@
-"""The information of many windows, by the readings' own noise and offsets, or by all that the interval counts."""
+"""The Fisher information of many windows on the diffusivity.
+
+Either only the readings' own noise, the sensor offsets and the plates' calibration errors are counted, with all windows
+in one sweep; or the full covariance of the estimate's interval, window by window.
+"""
 
 from __future__ import annotations
 
@@ -31,94 +35,111 @@ from ..models.integration import Integrator
 from ..models.sensitivity_equations import explicit, profile_response
 from ..models.state_space import StateSpace
 from ..models.window_inputs import WindowData, window_data
-from .fisher_information import Criterion, Of, criterion_of, fisher, kept, std_of
+from .fisher_information import (
+    Criterion,
+    ParametersOfInterest,
+    criterion_of,
+    indices_of_interest,
+    information_matrix,
+    relative_std,
+)
 from .information_contributions import WindowContributions, rows_per_bin
 from .predicted_response import ResponseModel
 
 
-def counts_all(case: Case, full: bool | None) -> bool:
-    """Whether a design counts all that the interval counts: where nothing is said, with plates.
+def uses_full_covariance(case: Case, full: bool | None) -> bool:
+    """Whether a design uses the full covariance; by default (None) it does where the case has flux plates.
 
-    A flux feels the faces' noise and the initial profile many times more than a sensor inside.
+    A flux is many times more sensitive to face noise and to the initial profile than a temperature inside.
     """
     return bool(fluxes_of(case)) if full is None else full
 
 
-def full_sizes(
-    case: Case, starts: np.ndarray, rows: tuple[int, ...], alphas: Sequence[float], criterion: Criterion, of: Of
+def full_covariance_criterion(
+    case: Case,
+    starts: np.ndarray,
+    rows: tuple[int, ...],
+    alphas: Sequence[float],
+    criterion: Criterion,
+    of: ParametersOfInterest,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The criterion, and the information on ln(alpha), with all that the interval counts.
+    """The criterion and the information on ln(alpha) of each window, with the full covariance.
 
     Args:
-        rows: the windows' lengths; all come from one run of the longest.
+        starts: first rows of the windows.
+        rows: lengths of the windows; all come from one simulation of the longest.
+        alphas: diffusivities, m2/s.
 
     Returns:
-        both `(diffusivity, window, length)`, 0 for a window that the record does not hold.
+        both as `(diffusivity, window, length)`; 0 for a window that is not inside the record.
     """
     model, longest = ResponseModel(case, [sensor.position for sensor in case.sensors]), max(rows)
-    sizes, on_log = np.zeros((2, len(alphas), len(starts), len(rows)))
+    values, log_information = np.zeros((2, len(alphas), len(starts), len(rows)))
     for a, alpha in enumerate(alphas):
-        courses = model.predict(starts, longest, alpha)
+        predicted = model.predict(starts, longest, alpha)
         for k, length in enumerate(rows):
             bin_rows = rows_per_bin(length * len(model.outputs))
-            looking = WindowContributions(case, courses.until(length), starts, length, bin_rows)
-            for w in np.flatnonzero(case.record.holds(starts, length)):
-                sizes[a, w, k], on_log[a, w, k] = _of_one(looking, int(w), criterion, of)
-    return sizes, on_log
+            contributions = WindowContributions(case, predicted.first_rows(length), starts, length, bin_rows)
+            for w in np.flatnonzero(case.record.contains_windows(starts, length)):
+                values[a, w, k], log_information[a, w, k] = _window_criterion(contributions, int(w), criterion, of)
+    return values, log_information
 
 
-def _of_one(looking: WindowContributions, window: int, criterion: Criterion, of: Of) -> tuple[float, float]:
+def _window_criterion(
+    contributions: WindowContributions, window: int, criterion: Criterion, of: ParametersOfInterest
+) -> tuple[float, float]:
     """The criterion and the information on ln(alpha) of one window."""
-    case = looking.case
-    at = Window(int(looking.starts[window]), looking.rows)
-    present, read = np.isfinite(case.record.sensors[at.part]), np.isfinite(flux_readings(case, at))
-    if not present.any() and not read.any():
+    case = contributions.case
+    rows = Window(int(contributions.starts[window]), contributions.rows)
+    present, flux_present = np.isfinite(case.record.sensors[rows.as_slice]), np.isfinite(flux_readings(case, rows))
+    if not present.any() and not flux_present.any():
         return 0.0, 0.0
-    seen = looking.contributions_of_case(window, present, read)
-    matrix = fisher([one for _, one in seen], looking.whitening(seen))
-    return criterion_of(matrix, criterion, kept(of, [one for _, one in seen])), std_of(matrix) ** -2.0
+    indexed = contributions.contributions_of_case(window, present, flux_present)
+    each = [one for _, one in indexed]
+    matrix = information_matrix(each, contributions.whitening(indexed))
+    return criterion_of(matrix, criterion, indices_of_interest(of, each)), relative_std(matrix) ** -2.0
 
 
-class StartProfiles(eqx.Module):
-    """The initial profile of each window, and how it moves with each sensor's offset (1/K)."""
+class InitialProfiles(eqx.Module):
+    """The dimensionless initial profile of each window, and its derivative by the offset of each sensor, 1/K."""
 
     initial: Float[Array, "window param"]
     per_offset: Float[Array, "window param sensor"]
 
 
-def start_profiles(case: Case, starts: np.ndarray) -> StartProfiles:
-    """The fitted initial profile at each start, dimensionless."""
+def initial_profiles(case: Case, starts: np.ndarray) -> InitialProfiles:
+    """The fitted initial profile at each start."""
     scale = scales(case)
     fitted = [fit_profile(case, int(row)) for row in starts]
     initial = [dimensionless_profile(profile.coefficients, scale) for profile in fitted]
-    per_offset = [profile.per_reading / scale.temperature for profile in fitted]
-    return StartProfiles(on_device(np.stack(initial)), on_device(np.stack(per_offset)))
+    per_offset = [profile.coefficients_per_reading / scale.temperature for profile in fitted]
+    return InitialProfiles(on_device(np.stack(initial)), on_device(np.stack(per_offset)))
 
 
-class Plates(eqx.Module):
-    """What a design needs to know of flux plates; none where there is no gain.
+class PlateSettings(eqx.Module):
+    """The properties of the flux plates that the information depends on; empty without plates.
 
     Args:
-        gain_std: of each one's calibration, 1.
-        untold: how many rows of a window of each length they do not tell of.
+        gain_std: prior standard deviation of each plate's calibration error, dimensionless.
+        uninformative_rows: number of first rows of a window whose fluxes are not used, for each window length.
     """
 
     gain_std: Float[Array, " flux"] = eqx.field(converter=on_device)
-    untold: tuple[int, ...] = eqx.field(static=True)
+    uninformative_rows: tuple[int, ...] = eqx.field(static=True)
 
     @classmethod
-    def of(cls, case: Case, rows: tuple[int, ...]) -> Plates:
-        """A case's, in windows of these lengths."""
+    def of_case(cls, case: Case, rows: tuple[int, ...]) -> PlateSettings:
+        """The plates of a case, for windows of these lengths."""
         gains = np.full(len(fluxes_of(case)), flux_gain_std(case))
         return cls(gains, tuple(untold_rows(case, length, case.record.step) for length in rows))
 
-    def telling(self, weight: Array, untold: int) -> Array:
-        """The readings' weights, `(time, output)`, without the first rows of the plates."""
-        return weight.at[:untold, weight.shape[1] - self.gain_std.shape[0] :].set(0.0)
+    def informative_weights(self, weight: Array, uninformative_rows: int) -> Array:
+        """The readings' weights, `(time, output)`, with 0 for the first rows of the plates."""
+        return weight.at[:uninformative_rows, weight.shape[1] - self.gain_std.shape[0] :].set(0.0)
 
 
-def watched(case: Case) -> WindowData:
-    """The whole record with the plates after the sensors; a flux is taken over k / L, K."""
+def record_with_plates(case: Case) -> WindowData:
+    """The data of the entire record, the plates after the sensors; fluxes are divided by k / L, K."""
     data, faces = window_data(case), fluxes_of(case)
     if not faces:
         return data
@@ -127,15 +148,16 @@ def watched(case: Case) -> WindowData:
     return plates_beside(data, flux / conductance, flux_noise_std(case) / conductance)
 
 
-def _slopes(
-    system: StateSpace, fo: Array, data: WindowData, plates: Plates, integrator: Integrator
+def _sensitivities(
+    system: StateSpace, fo: Array, data: WindowData, plates: PlateSettings, integrator: Integrator
 ) -> tuple[Float[Array, "time output"], Float[Array, "time output constant"] | None]:
-    """theta, and what one standard deviation of each constant makes of the readings, K (None: there is none).
+    """theta, and the readings' derivatives with respect to each nuisance constant, K per prior standard deviation.
 
-    The constants are the estimated offsets, and with plates ln(conductivity) and each one's calibration.
+    The constants are the estimated offsets, and with plates ln(conductivity) and each calibration error; None without
+    any.
     """
     u, theta = explicit(system, fo, data, integrator=integrator)
-    columns = [_offset_columns(system, fo, data, integrator)] if data.offsets else []
+    columns = [_offset_derivatives(system, fo, data, integrator)] if data.offsets else []
     if count := plates.gain_std.shape[0]:
         flux = data.temperature * u.at[:, : u.shape[1] - count].set(0.0)
         gains = [
@@ -145,35 +167,34 @@ def _slopes(
     return theta, jnp.concatenate(columns, axis=-1) if columns else None
 
 
-def _offset_columns(
+def _offset_derivatives(
     system: StateSpace, fo: Array, data: WindowData, integrator: Integrator
 ) -> Float[Array, "time output offset"]:
-    """What one standard deviation of each estimated offset makes of the predicted readings, K."""
-    places = np.asarray(data.offsets)
+    """The predicted readings' derivatives with respect to each estimated offset, K per prior standard deviation."""
 
-    def column(place: Array) -> Array:
-        u = profile_response(system, fo, data, -data.profile_per_offset[:, place], integrator=integrator)
-        return data.offset_std[place] * (data.temperature * u + jax.nn.one_hot(place, u.shape[1]))
+    def column(sensor: Array) -> Array:
+        u = profile_response(system, fo, data, -data.profile_per_offset[:, sensor], integrator=integrator)
+        return data.offset_std[sensor] * (data.temperature * u + jax.nn.one_hot(sensor, u.shape[1]))
 
-    return jnp.moveaxis(jax.vmap(column)(jnp.asarray(places)), 0, -1)
+    return jnp.moveaxis(jax.vmap(column)(jnp.asarray(data.offsets)), 0, -1)
 
 
-def _information(
-    theta: Array, weight: Array, columns: Array | None, rows: tuple[int, ...], plates: Plates
+def _projected_information(
+    theta: Array, weight: Array, columns: Array | None, rows: tuple[int, ...], plates: PlateSettings
 ) -> Float[Array, " length"]:
-    """The information of the first rows on Fo, the constants projected out."""
-    found = []
-    for length, untold in zip(rows, plates.untold, strict=True):
-        used = plates.telling(weight[:length], untold)
+    """The information of the first rows on Fo, for each length, with the nuisance constants projected out."""
+    information = []
+    for length, skipped in zip(rows, plates.uninformative_rows, strict=True):
+        used = plates.informative_weights(weight[:length], skipped)
         scaled = theta[:length] * used
-        direct = jnp.sum(scaled**2)
+        marginal = jnp.sum(scaled**2)
         if columns is not None:
             weighted = columns[:length] * used[:, :, None]
-            mixed = jnp.einsum("ts,tso->o", scaled, weighted)
-            own = jnp.einsum("tso,tsp->op", weighted, weighted)
-            direct = direct - mixed @ jnp.linalg.solve(own + jnp.eye(len(mixed)), mixed)
-        found.append(direct)
-    return jnp.stack(found)
+            cross = jnp.einsum("ts,tso->o", scaled, weighted)
+            block = jnp.einsum("tso,tsp->op", weighted, weighted)
+            marginal = marginal - cross @ jnp.linalg.solve(block + jnp.eye(len(cross)), cross)
+        information.append(marginal)
+    return jnp.stack(information)
 
 
 def window_information(
@@ -181,38 +202,43 @@ def window_information(
     fourier: Float[Array, " case"],
     data: WindowData,
     starts: Int[Array, " window"],
-    profiles: StartProfiles,
-    plates: Plates,
+    profiles: InitialProfiles,
+    plates: PlateSettings,
     *,
     rows: tuple[int, ...],
     sweep: Sweep = "map",
     integrator: Integrator = "propagator",
     mesh: Mesh | None = None,
 ) -> Float[Array, "case window length"]:
-    """The information of each window on Fo (in u), theta restarted at each window's start.
+    """The information of each window on Fo, with theta = 0 at each window's start.
 
     Args:
+        system, data: outputs are the sensors, then the plates, as in `record_with_plates`.
+        fourier: Fo of each diffusivity.
         starts: first rows of the windows.
-        system, data: with the plates after the sensors, as `watched` gives them.
         profiles: the initial profile at each start.
-        rows: the windows' lengths; all come from one run of the longest. What would lie past the
-            record's end holds no readings.
-        sweep, mesh: how the windows are gone through, see `wallid.sweep`.
+        plates: of windows with these lengths.
+        rows: lengths of the windows; all come from one simulation of the longest. After the end of the record there
+            are no readings.
+        sweep, mesh: as in `wallid.models.sweep`.
+
+    Returns:
+        information per squared dimensionless temperature, `(diffusivity, window, length)`.
     """
     beyond = (0, max(rows))
     inputs = np.pad(np.asarray(data.inputs), (beyond, (0, 0)), mode="edge")
     weight = np.pad(np.asarray(data.weight), (beyond, (0, 0)))
     extended = eqx.tree_at(lambda d: (d.inputs, d.weight), data, (on_device(inputs), on_device(weight)))
     shared = (system, fourier, extended, plates, rows, sweep, integrator)
-    return jnp.moveaxis(over_items(_of_window, (starts, profiles), *shared, way=sweep, mesh=mesh), 0, 1)
+    return jnp.moveaxis(over_items(_single_window_information, (starts, profiles), *shared, way=sweep, mesh=mesh), 0, 1)
 
 
-def _of_window(
-    window: tuple[Array, StartProfiles],
+def _single_window_information(
+    window: tuple[Array, InitialProfiles],
     system: StateSpace,
     fourier: Array,
     extended: WindowData,
-    plates: Plates,
+    plates: PlateSettings,
     rows: tuple[int, ...],
     sweep: Sweep,
     integrator: Integrator,
@@ -220,44 +246,43 @@ def _of_window(
     """The information of one window, at each diffusivity and for each length."""
     (start, profile), longest = window, max(rows)
     inputs, weight = (
-        jax.lax.dynamic_slice_in_dim(course, start, longest) for course in (extended.inputs, extended.weight)
+        jax.lax.dynamic_slice_in_dim(array, start, longest) for array in (extended.inputs, extended.weight)
     )
-
-    own = eqx.tree_at(
+    data = eqx.tree_at(
         lambda d: (d.inputs, d.initial, d.profile_per_offset), extended, (inputs, profile.initial, profile.per_offset)
     )
 
     def at(fo: Array) -> Array:
-        theta, columns = _slopes(system, fo, own, plates, integrator)
-        return _information(theta, weight, columns, rows, plates)
+        theta, columns = _sensitivities(system, fo, data, plates, integrator)
+        return _projected_information(theta, weight, columns, rows, plates)
 
     return jax.vmap(at)(fourier) if sweep == "vmap" else jax.lax.map(at, fourier)
 
 
 @eqx.filter_jit
-def cut_information(
+def information_from_one_run(
     system: StateSpace,
     fourier: Float[Array, " case"],
     data: WindowData,
     starts: Int[Array, " window"],
-    plates: Plates,
+    plates: PlateSettings,
     *,
     rows: int,
     integrator: Integrator = "propagator",
 ) -> Float[Array, "case window"]:
-    """The information of each window on Fo (in u), cut from one run over the whole record.
+    """The information of each window on Fo, with theta cut from one simulation of the entire record.
 
-    Plates tell of all rows but the record's first ones.
+    Fluxes are used in all rows except the first ones of the record. Returns `(diffusivity, window)`.
     """
-    known = Plates(plates.gain_std, (0,))
+    all_rows = PlateSettings(plates.gain_std, (0,))
 
     def at(fo: Array) -> Array:
-        theta, columns = _slopes(system, fo, data, plates, integrator)
-        everything = (theta, plates.telling(data.weight, plates.untold[0]), columns)
+        theta, columns = _sensitivities(system, fo, data, plates, integrator)
+        record = (theta, plates.informative_weights(data.weight, plates.uninformative_rows[0]), columns)
 
         def one(start: Array) -> Array:
-            cut = jax.tree.map(lambda part: jax.lax.dynamic_slice_in_dim(part, start, rows), everything)
-            return _information(cut[0], cut[1], cut[2], (rows,), known)[0]
+            window = jax.tree.map(lambda array: jax.lax.dynamic_slice_in_dim(array, start, rows), record)
+            return _projected_information(window[0], window[1], window[2], (rows,), all_rows)[0]
 
         return jax.lax.map(one, starts)
 

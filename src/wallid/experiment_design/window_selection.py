@@ -1,15 +1,14 @@
-"""The optimal experiment design: which days of a record tell most about the diffusivity.
+"""Optimal experiment design: the window of a record with the largest information on the diffusivity.
 
 For the window of rows `W` and the readings' standard deviations `sigma`::
 
     I(W) = S_aa - S_ab (S_bb + diag(1/sigma_b^2))^-1 S_ba,      S_pq = sum_s sum_t dT/dp dT/dq / sigma_s^2
 
-with `dT/dalpha = theta T_ref t_ref / L^2` and b the constant offsets of the sensors whose case states
-an `offset_std` sigma_b: they are projected out, and with them what they make of the initial profile,
-which is fitted through the readings. Flux plates are outputs like any other, and b holds ln(conductivity)
-and each one's calibration beside the offsets. With one parameter the D-criterion `det F` is I, and so
-are A and E. The paper integrates over time where readings are what counts, and takes one sigma. With
-`full=True` everything counts that the estimate's interval counts (`information`).
+with `dT/dalpha = theta T_ref t_ref / L^2`. The nuisance parameters b are the constant offsets of the sensors with an
+`offset_std` sigma_b; their effect on the fitted initial profile is included. They are projected out. Flux plates are
+further outputs, and b then also holds ln(conductivity) and each calibration error. With one parameter the criteria D, A
+and E all equal I. The paper integrates over time with one sigma; here the sum is over readings. With `full=True` the
+full covariance of the estimate's interval is used (`fisher_information`).
 
 Source: Berger and Kadoch, Section 4.1; Ucinski, Optimal Measurement Methods (2004).
 """
@@ -18,12 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jax.sharding import Mesh
 
 from .._internal.arrays import on_device
 from .._internal.errors import InputError
+from .._internal.html import html_table
 from .._internal.units import DAY
 from .._internal.validation import one_of
 from ..case.case_definition import Case
@@ -35,33 +36,42 @@ from ..models.integration import Integrator
 from ..models.state_space import StateSpace
 from ..models.window_inputs import full_order_model
 from ..records.uniform_record import Record
-from .fisher_information import HOPELESS, Criterion, Of, Robust, alphas_of, check_words, merit
+from .fisher_information import (
+    UNINFORMATIVE_STD,
+    Criterion,
+    ParametersOfInterest,
+    Robust,
+    check_choices,
+    design_diffusivities,
+    relative_criterion,
+)
 from .window_information import (
-    Plates,
-    counts_all,
-    cut_information,
-    full_sizes,
-    start_profiles,
-    watched,
+    PlateSettings,
+    full_covariance_criterion,
+    information_from_one_run,
+    initial_profiles,
+    record_with_plates,
+    uses_full_covariance,
     window_information,
 )
 
 
 @dataclass(frozen=True)
 class Design:
-    """The criterion of every candidate window.
+    """The criterion of every candidate window, and the best window.
 
     Args:
-        rows: of each window.
-        starts: first rows of the candidates.
-        diffusivities: at which the criterion was taken, m2/s.
-        information: expected information on alpha, (m2/s)^-2, `(diffusivity, window)`; its inverse
-            square root is the standard error that the noise alone would leave.
-        best: the window with the largest `merit`.
-        restart: theta starts at 0 in each window, as in the estimate; else cut from one run.
-        kind, of, robust, full: which criterion, of which parameters, over several diffusivities or at one, and with
-            all that the interval counts or with the readings' own noise and offsets.
-        sizes: the criterion of the information on ln(alpha), or on all parameters; None where that is `information`.
+        rows: length of each window.
+        starts: first rows of the candidates, `(window,)`.
+        diffusivities: at which the criterion was evaluated, m2/s.
+        information: expected information on alpha, (m2/s)^-2, `(diffusivity, window)`; its inverse square root is the
+            expected standard error.
+        best: the window with the largest `relative_criterion`.
+        restart: whether theta starts at 0 in each window, as in the estimate, or is cut from one simulation.
+        step: of the record, s.
+        labels: first and last time stamp of the best window.
+        criterion_name, of, robust, full: as given to `design`.
+        criterion_values: the criterion, `(diffusivity, window)`; None where it is `information`.
     """
 
     rows: int
@@ -72,61 +82,87 @@ class Design:
     restart: bool
     step: float
     labels: tuple[str, str]
-    kind: Criterion = "D"
-    of: Of = "diffusivity"
+    criterion_name: Criterion = "D"
+    of: ParametersOfInterest = "diffusivity"
     robust: Robust = "no"
     full: bool = False
-    sizes: np.ndarray | None = field(default=None, repr=False)
+    criterion_values: np.ndarray | None = field(default=None, repr=False)
 
     @property
     def criterion(self) -> np.ndarray:
-        """The criterion over its largest value, per diffusivity and window, 1."""
-        sizes = self.information if self.sizes is None else self.sizes
-        largest = sizes.max(axis=1, keepdims=True)
-        return sizes / np.where(largest > 0, largest, 1.0)
+        """The criterion divided by its largest value at each diffusivity, `(diffusivity, window)`."""
+        values = self.information if self.criterion_values is None else self.criterion_values
+        largest = values.max(axis=1, keepdims=True)
+        return values / np.where(largest > 0, largest, 1.0)
 
     @property
-    def merit(self) -> np.ndarray:
-        """By which the best window is the best: `criterion` at the first diffusivity, or over all of them, 1."""
-        found = merit(self.information if self.sizes is None else self.sizes, self.robust)
-        return found / found.max() if found.max() > 0 else found
+    def relative_criterion(self) -> np.ndarray:
+        """The criterion by which the best window is chosen, over the diffusivities as `robust` says, `(window,)`."""
+        values = relative_criterion(self.criterion, self.robust)
+        return values / values.max() if values.max() > 0 else values
 
     @property
     def start_days(self) -> np.ndarray:
-        """The candidates' starts in days after the record's."""
+        """The candidates' starts, days after the record's start."""
         return self.starts * self.step / DAY
 
     @property
-    def expected_error(self) -> float:
-        """The relative standard error that the noise leaves in the best window at the first diffusivity, 1."""
-        most = float(self.information[0, int(np.argmax(self.merit))])
-        return float(1.0 / np.sqrt(most) / self.diffusivities[0]) if most > 0 else np.inf
+    def expected_relative_std(self) -> float:
+        """The expected relative standard error of the diffusivity in the best window, at the first diffusivity."""
+        best = float(self.information[0, int(np.argmax(self.relative_criterion))])
+        return float(1.0 / np.sqrt(best) / self.diffusivities[0]) if best > 0 else np.inf
 
     @property
     def informative(self) -> bool:
-        """Whether any window holds information at all; an estimate need not be tried where none does.
+        """Whether any window has information on the diffusivity; if not, no estimate needs to be tried.
 
-        The bar is low, since the prior diffusivity may be far off.
+        The threshold is low, since the prior diffusivity may be far from the true one.
         """
-        return self.expected_error < HOPELESS
+        return self.expected_relative_std < UNINFORMATIVE_STD
 
-    def __str__(self) -> str:
+    def summary(self) -> str:
+        """The best window, the criterion and the expected standard error, as text."""
         if not self.informative:
             return (
-                f"no window of {self.rows} rows tells anything about the diffusivity: the faces stand still, "
-                "or no inner sensor or plate has a reading while they move"
+                f"no window of {self.rows} rows has information on the diffusivity: the face temperatures are "
+                "constant, or no inner sensor or plate has a reading while they change"
             )
-        near = int(np.sum(self.merit >= 0.98))
-        counted = "all that the interval counts" if self.full else "the readings' noise alone"
+        near = int(np.sum(self.relative_criterion >= 0.98))
+        criterion = criterion_text(self.criterion_name, self.of, self.robust, self.diffusivities)
+        counted = "the full covariance of the estimate" if self.full else "the readings' noise alone"
         return (
             f"best window  {self.labels[0]} to {self.labels[1]} ({self.rows} rows), of {len(self.starts)} candidates\n"
-            f"criterion    {self._words()}; {near} candidate(s) within 2 % of the largest\n"
-            f"expected     a relative standard error of {self.expected_error:.2%} from {counted}"
+            f"criterion    {criterion}; {near} candidate(s) within 2 % of the largest\n"
+            f"expected     a relative standard error of {self.expected_relative_std:.2%} from {counted}"
         )
 
-    def _words(self) -> str:
-        """Which criterion, at which diffusivity."""
-        return criterion_words(self.kind, self.of, self.robust, self.diffusivities)
+    __str__ = summary
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain numbers, lists and strings."""
+        return {
+            "start": self.labels[0],
+            "end": self.labels[1],
+            "row": self.best.row,
+            "rows": self.rows,
+            "expected_relative_std": self.expected_relative_std,
+            "informative": self.informative,
+            "criterion": self.criterion_name,
+            "of": self.of,
+            "robust": self.robust,
+            "full": self.full,
+            "diffusivities": list(self.diffusivities),
+            "starts": self.starts.tolist(),
+            "relative_criterion": self.relative_criterion.tolist(),
+        }
+
+    def _repr_html_(self) -> str:
+        rows = [
+            ("first row", str(self.best.row), "", ""),
+            ("rows", str(self.rows), "", ""),
+            ("diffusivity", f"{self.diffusivities[0]:.3g}", f"expected {self.expected_relative_std:.2%}", "m2/s"),
+        ]
+        return html_table(f"Best window: {self.labels[0]} to {self.labels[1]}", rows)
 
 
 def design(
@@ -141,43 +177,53 @@ def design(
     integrator: Integrator = "propagator",
     model: StateSpace | None = None,
     criterion: Criterion = "D",
-    of: Of = "diffusivity",
+    of: ParametersOfInterest = "diffusivity",
     robust: Robust = "no",
     full: bool | None = None,
 ) -> Design:
-    """The best window of a case's record, by the large model at the prior diffusivity.
+    """The best window of a case's record, by the full-order model at the prior diffusivity.
 
     Args:
-        window_days: None for the case's choice.
-        diffusivities: None for the prior alone (a robust design: a quarter to four times as much); the best window is
-            the first one's.
-        every_rows: distance of the candidates' starts; None for one a day, or three where the record is
-            hardly longer than the window.
-        restart: theta from 0 and a profile fitted at each window's start, as the estimate sees it;
-            False cuts one theta of the whole record, as the paper does (across a break of the record it
-            goes along a straight line).
-        sweep, mesh: how the windows are gone through, see `wallid.sweep`; the same numbers.
-        integrator: how the windows' rows are stepped through.
-        model: a large model at hand, to spare building it; the plates' fluxes after the sensors.
-        criterion, of: one number for the information on the "diffusivity", for which D, A and E are the same, on it
-            and the "constants" (offsets and position errors), or on "all" that the estimate leaves free, the initial
-            profile too; the last two need `full`.
-        robust: "expected" or "worst" over the diffusivities, each window's criterion over the best one's at each.
-        full: count all that the estimate's interval counts, the faces' noise, positions and the initial profile too
-            (as stated, white), and not the readings' own noise and constants alone; None for where there are plates.
+        window_days: window length, days; None for the one in the case's `[choices]`.
+        diffusivities: m2/s; None for the prior, and for a robust design also a quarter to four times the prior. Without
+            `robust` the best window is that of the first one.
+        every_rows: rows between the starts of two candidates; None for one candidate a day, or three candidates where
+            the record is hardly longer than the window.
+        restart: True for theta = 0 and a fitted initial profile at each window's start, as in the estimate; False to
+            cut theta from one simulation of the entire record, as in the paper (linear across a gap).
+        sweep, mesh: how the windows are distributed, as in `wallid.models.sweep`; the numbers are the same.
+        integrator: time integration within the windows.
+        model: a full-order model to use instead of a new one, with the plates' fluxes after the sensors.
+        criterion: "D", "A" or "E".
+        of: the parameters of the criterion: the "diffusivity" alone (D, A and E agree), with the "constants" (offsets
+            and position errors), or "all" parameters of the estimate, initial profile included; the last two need
+            `full`.
+        robust: "no", or "expected" or "worst" over the diffusivities of each window's criterion relative to the best
+            window's.
+        full: use the full covariance of the estimate's interval: also face noise (as stated, white), position errors
+            and the initial profile. False counts the readings' own noise, offsets and calibration errors only. None
+            for True where the case has flux plates.
+
+    Returns:
+        the criterion of every candidate window, and the best window.
 
     Raises:
-        InputError: a window that the record does not hold, an unknown choice, choices that do not go together, or
-            neither a sensor nor a plate.
+        InputError: a window does not fit into the record, an option is unknown, options contradict each other, or the
+            case has neither a sensor nor a plate.
+
+    Example:
+        `window = wallid.design(case, window_days=3.0).best`
+
+    Source: Berger and Kadoch, Section 4.1; Ucinski, Optimal Measurement Methods (2004).
     """
     one_of("sweep", sweep, ("map", "vmap"))
-    check_words(criterion, of, robust)
-    full = counts_all(case, full) and (restart or full is not None)
+    check_choices(criterion, of, robust)
+    full = uses_full_covariance(case, full) and (restart or full is not None)
     if (of != "diffusivity" and not full) or (full and not restart):
         raise InputError(
             f'of = "{of}" needs full = True: only then are the other parameters counted'
             if not full
-            else "full = True counts the initial profile of each window, which restart = False does not have"
+            else "full = True needs restart = True: it counts the initial profile of each window"
         )
     record = case.record
     days = case.choices.window_days if window_days is None else window_days
@@ -185,18 +231,19 @@ def design(
     if every_rows is not None and every_rows < 1:
         raise InputError(f"every_rows = {every_rows}; it must be at least 1")
     starts = candidate_starts(record, rows, every_rows)
-    alphas = alphas_of(case, diffusivities, robust)
-    sizes = None
+    alphas = design_diffusivities(case, diffusivities, robust)
+    values = None
     system = full_order_model(case, plate_outputs(case)) if model is None else model
     scale = scales(case)
-    data, plates = watched(case), Plates.of(case, (rows,))
-    fourier = on_device(scale.fourier(np.asarray(alphas)))
-    per_alpha = scale.fourier(1.0) * scale.temperature
+    data, plates = record_with_plates(case), PlateSettings.of_case(case, (rows,))
+    fourier = on_device(scale.fourier_number(np.asarray(alphas)))
+    per_alpha = scale.fourier_number(1.0) * scale.temperature
     if full:
-        sizes, on_log = (found[:, :, 0] for found in full_sizes(case, starts, (rows,), alphas, criterion, of))
-        information = on_log / np.square(alphas)[:, None]
+        arrays = full_covariance_criterion(case, starts, (rows,), alphas, criterion, of)
+        values, log_information = (array[:, :, 0] for array in arrays)
+        information = log_information / np.square(alphas)[:, None]
     elif restart:
-        profiles = start_profiles(case, starts)
+        profiles = initial_profiles(case, starts)
         info = window_information(
             system,
             fourier,
@@ -211,11 +258,13 @@ def design(
         )
         information = np.asarray(info)[:, :, 0] * per_alpha**2
     else:
-        info = cut_information(system, fourier, data, on_device(starts), plates, rows=rows, integrator=integrator)
+        info = information_from_one_run(
+            system, fourier, data, on_device(starts), plates, rows=rows, integrator=integrator
+        )
         information = np.asarray(info) * per_alpha**2
-    if sizes is None and robust != "no":  # on ln(alpha), as diffusivities are compared
-        sizes = information * np.square(alphas)[:, None]
-    best = int(np.argmax(merit(information if sizes is None else sizes, robust)))
+    if values is None and robust != "no":  # information on ln(alpha), which is comparable between diffusivities
+        values = information * np.square(alphas)[:, None]
+    best = int(np.argmax(relative_criterion(information if values is None else values, robust)))
     row = int(starts[best])
     return Design(
         rows=rows,
@@ -226,30 +275,32 @@ def design(
         restart=restart,
         step=record.step,
         labels=(str(record.stamp(row)), str(record.stamp(row + rows))),
-        kind=criterion,
+        criterion_name=criterion,
         of=of,
         robust=robust,
         full=full,
-        sizes=sizes,
+        criterion_values=values,
     )
 
 
-def criterion_words(kind: Criterion, of: Of, robust: Robust, diffusivities: Sequence[float]) -> str:
-    """Which criterion, of which parameters, at which diffusivities."""
-    named = {
+def criterion_text(kind: Criterion, of: ParametersOfInterest, robust: Robust, diffusivities: Sequence[float]) -> str:
+    """The criterion, its parameters and its diffusivities, as text."""
+    parameters = {
         "diffusivity": "of the diffusivity (one parameter: D, A and E agree)",
         "constants": f"{kind}, of diffusivity, offsets and positions",
-        "all": f"{kind}, of all that is free",
+        "all": f"{kind}, of all estimated parameters",
     }[of]
     if robust == "no":
-        return f"{named}, at alpha = {diffusivities[0]:.3g} m2/s"
+        return f"{parameters}, at alpha = {diffusivities[0]:.3g} m2/s"
     how = "on average" if robust == "expected" else "at worst"
-    return f"{named}, {how} from alpha = {min(diffusivities):.3g} to {max(diffusivities):.3g} m2/s"
+    return f"{parameters}, {how} from alpha = {min(diffusivities):.3g} to {max(diffusivities):.3g} m2/s"
 
 
-def candidate_starts(record: Record, rows: int, every: int | None) -> np.ndarray:
-    """First rows of windows of `rows` rows inside a record, `every` rows (None: about a day) apart, none on a break."""
+def candidate_starts(record: Record, rows: int, every_rows: int | None) -> np.ndarray:
+    """First rows of candidate windows of `rows` rows, `every_rows` apart (None: about a day), none across a gap."""
     spare = record.longest_part[1] - rows
-    if every is None:
-        every = min(max(1, round(DAY / record.step)), max(1, spare // 2))
-    return np.concatenate([np.arange(first, first + part - rows + 1, every) for first, part in record.unbroken])
+    if every_rows is None:
+        every_rows = min(max(1, round(DAY / record.step)), max(1, spare // 2))
+    return np.concatenate(
+        [np.arange(first, first + part - rows + 1, every_rows) for first, part in record.unbroken_parts]
+    )

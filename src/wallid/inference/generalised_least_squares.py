@@ -1,12 +1,9 @@
-"""Rounds of Gauss-Newton to the minimum under the covariance that belongs to it.
-
-The covariance needs what is looked for: each round takes the faces' response, the noise's sizes, the sensors' places
-and the wall's own parameters from the round before, until the estimate stays.
-"""
+"""Iterated generalised least squares: the covariance depends on the estimated parameters, so GLS is iterated."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import equinox as eqx
@@ -25,16 +22,24 @@ from ..models.wall_parameters import clipped_to_prior
 from ..models.window_inputs import WindowData
 from .gap_covariance import gap_errors
 from .gls_fit import GLSFit
-from .likelihood import LikelihoodProblem, face_response, minimise
+from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, LikelihoodProblem, face_response, minimise
 from .noise_covariance import Bins, Noise, NoiseShape, bins_of, thinned
-from .nuisance_parameters import NuisanceParameters, linearise_nuisance, nuisance_parameters_of
+from .nuisance_parameters import (
+    NUISANCE_KINDS,
+    Linearisation,
+    NuisanceKind,
+    WallParameters,
+    estimate_parameters,
+    linearise_nuisance,
+)
+from .parameters import Parameters
 from .validity import distinguishable_range
 from .whittle_likelihood import estimate_noise
 
-_MOST_ROUNDS = 4
-_STRUCTURE_ROUNDS = 15  # where the wall itself is free: each builds its model anew
-_STILL = 0.1  # of a standard error: a round that moves the estimate by less was the last
-_FEWEST_READINGS = 30  # beyond the parameters: from fewer no noise is estimated
+_MAX_ITERATIONS = 4
+_MAX_WALL_ITERATIONS = 15  # with estimated wall parameters: each iteration builds the model again
+_CONVERGED = 0.1  # standard errors: the iteration ends when the estimate changes by less
+_MIN_READINGS = 30  # beyond the number of parameters: from fewer the noise is not estimated
 
 
 def fit_generalised_least_squares(
@@ -48,41 +53,54 @@ def fit_generalised_least_squares(
     explicit_theta: bool = True,
     integrator: Integrator = "propagator",
     rows_used: int | None = None,
+    kinds: Sequence[NuisanceKind] = NUISANCE_KINDS,
 ) -> GLSFit:
-    """The estimate under the full covariance, from a first diffusivity (m2/s).
+    """The estimate under the full covariance, by iterated generalised least squares.
 
     Args:
-        system: its outputs are the sensors, then the plates.
-        rows_used: of the window, from its start; None for all.
+        system: the model; its outputs are the sensors, then the plates.
+        first: the diffusivity to start from, m2/s.
+        eta: stopping criterion of Gauss-Newton on the relative change of the diffusivity.
+        explicit_theta: whether the sensitivity comes from the explicit theta system, not from autodiff.
+        integrator: how the rows are stepped through.
+        rows_used: the number of rows whose readings are used, from the window's start; None for all.
+        kinds: of nuisance parameters.
+
+    Returns:
+        the fit of the last iteration.
     """
-    rounds = _Rounds.of(case, window, _used(with_flux(case, window, data), rows_used), eta, explicit_theta, integrator)
-    names, large = rounds.names, full_order_model_with_plates(case)
-    value, found, settled = float(np.clip(first, *rounds.bounds)), np.zeros(names.count), None
-    loose, reached = names.of_structure, np.zeros(len(names.structure))
-    for _ in range(_STRUCTURE_ROUNDS if names.structure else _MOST_ROUNDS):
-        if names.structure:
-            system = large = full_order_model_with_plates(case, reached)
-        settled = rounds.another(system, large, value, found, settled)
-        moved = abs(math.log(settled.diffusivity / value)) if math.isfinite(settled.diffusivity) else math.inf
-        still = moved < _STILL * settled.log_std and _still(settled, found)
-        if not math.isfinite(moved) or (settled.rounds > 1 and still):
+    data = _first_rows(with_flux(case, window, data), rows_used)
+    gls = _IteratedGLS.of(case, window, data, kinds, eta, explicit_theta, integrator)
+    wall_names = gls.parameters.of_kind(WallParameters.kind)
+    full_order = full_order_model_with_plates(case)
+    start = float(np.clip(first, *gls.bounds)) / case.wall.diffusivity_prior
+    parameters, fit = gls.parameters.with_values({LOG_DIFFUSIVITY: math.log(start)}), None
+    for _ in range(_MAX_WALL_ITERATIONS if wall_names else _MAX_ITERATIONS):
+        point = Linearisation(case, window, data, gls.diffusivity(parameters), parameters)
+        if wall_names:
+            system = full_order = full_order_model_with_plates(case, point.wall)
+        fit = gls.iterate(system, full_order, point, fit)
+        change = abs(math.log(fit.diffusivity / point.diffusivity)) if math.isfinite(fit.diffusivity) else math.inf
+        converged = change < _CONVERGED * fit.log_std and _wall_converged(fit, parameters, wall_names)
+        if not math.isfinite(change) or (fit.iterations > 1 and converged):
             break
-        value, found = settled.diffusivity, np.array(settled.minimum.parameters)[1:]
-        # the wall's own parameters are linear about where they were: no farther than a prior's standard deviation
-        reached = clipped_to_prior(np.clip(found[loose], reached - 1.0, reached + 1.0))
-        found[loose] = reached
-    assert settled is not None
-    if names.structure:  # the first round's wall was that of the priors
-        stated = settled.shape.stated().whiten @ np.asarray(settled.minimum.left)
-        z = np.asarray(settled.minimum.parameters)[1:]
-        settled = replace(settled, reduced_chi_square=float(stated @ stated + z @ z) / rounds.freedom)
-    if rounds.kind == "robust" and rounds.enough and math.isfinite(settled.diffusivity):
-        return replace(settled, robust=_noise_left(settled.shape, settled))
-    return settled
+        parameters = fit.parameters
+        if wall_names:  # linear about the last values: a step of one prior standard deviation at most
+            at, std = parameters.indices(wall_names), np.asarray(parameters.prior_std)
+            z = np.clip(np.asarray(parameters.values)[at] / std[at], point.wall - 1.0, point.wall + 1.0)
+            parameters = parameters.with_values(dict(zip(wall_names, std[at] * clipped_to_prior(z), strict=True)))
+    assert fit is not None
+    if wall_names:  # the first iteration used the wall of the priors
+        whitened = fit.shape.stated().whiten @ np.asarray(fit.minimum.left)
+        z = np.asarray(fit.minimum.parameters)[1:]
+        fit = replace(fit, reduced_chi_square=float(whitened @ whitened + z @ z) / gls.degrees_of_freedom)
+    if gls.noise_option == "robust" and gls.noise_can_be_estimated and math.isfinite(fit.diffusivity):
+        return replace(fit, robust=_noise_of_residual(fit.shape, fit))
+    return fit
 
 
-def _used(data: WindowData, rows: int | None) -> WindowData:
-    """The experiment without the readings after its first rows."""
+def _first_rows(data: WindowData, rows: int | None) -> WindowData:
+    """The window's data without the readings after its first rows."""
     if rows is None:
         return data
     used = jnp.asarray(np.arange(data.observed.shape[0]) < rows, dtype=float)[:, None]
@@ -90,23 +108,25 @@ def _used(data: WindowData, rows: int | None) -> WindowData:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rounds:
-    """What stays the same from round to round.
+class _IteratedGLS:
+    """All that stays the same from iteration to iteration.
 
     Args:
-        bins, apart: of the readings, as `bins_of` gives them.
-        readings: how many there are, in their bins.
-        conductivity: W/m/K, with which the first round begins; 0 without a flux.
-        bounds: between which diffusivities is searched, m2/s.
+        parameters: the diffusivity and the nuisance parameters, at their priors.
+        bins, spacing: of the readings, as `bins_of` gives them.
+        readings: the number of bins with a reading.
+        conductivity: W/m/K, the reference value; 0 without a flux.
+        bounds: of the diffusivity, m2/s.
         fill_std: of the faces' interpolation in the window's rows, K; None where every row was read.
     """
 
     case: Case
     window: Window
     data: WindowData
-    names: NuisanceParameters
+    kinds: Sequence[NuisanceKind]
+    parameters: Parameters
     bins: Bins
-    apart: int
+    spacing: int
     readings: int
     conductivity: float
     bounds: tuple[float, float]
@@ -117,20 +137,28 @@ class _Rounds:
 
     @classmethod
     def of(
-        cls, case: Case, window: Window, data: WindowData, eta: float, explicit_theta: bool, integrator: Integrator
-    ) -> _Rounds:
-        """What a window's readings, plates included, set."""
-        names = nuisance_parameters_of(case, window)
-        bins, apart = bins_of(np.asarray(data.weight) > 0, np.asarray(data.observed))
+        cls,
+        case: Case,
+        window: Window,
+        data: WindowData,
+        kinds: Sequence[NuisanceKind],
+        eta: float,
+        explicit_theta: bool,
+        integrator: Integrator,
+    ) -> _IteratedGLS:
+        """From a window's readings, plates included."""
+        parameters = estimate_parameters(case, window, kinds)
+        bins, spacing = bins_of(np.asarray(data.weight) > 0, np.asarray(data.observed))
         return cls(
             case=case,
             window=window,
-            data=data,
-            names=names,
+            data=replace(data, offsets=()),  # which offsets are estimated is no part of a compiled shape
+            kinds=kinds,
+            parameters=parameters,
             bins=bins,
-            apart=apart,
+            spacing=spacing,
             readings=int((np.asarray(bins.counts()) > 0).sum()),
-            conductivity=first_conductivity(case, window) if names.fluxes else 0.0,
+            conductivity=first_conductivity(case, window) if LOG_CONDUCTIVITY in parameters else 0.0,
             bounds=distinguishable_range(case, window),
             fill_std=case.record.window(window.row, window.rows).fill_std,
             eta=eta,
@@ -138,78 +166,84 @@ class _Rounds:
             integrator=integrator,
         )
 
-    @property
-    def kind(self) -> str:
-        """How the noise is taken: "estimated", "stated", or "robust", the default beside a flux."""
-        return self.case.choices.noise or ("robust" if self.names.fluxes else "estimated")
+    def diffusivity(self, parameters: Parameters) -> float:
+        """m2/s."""
+        return self.case.wall.diffusivity_prior * math.exp(float(parameters[LOG_DIFFUSIVITY]))
 
     @property
-    def enough(self) -> bool:
-        """Whether there are readings enough to estimate the noise from."""
-        return self.readings - 1 - self.names.count >= _FEWEST_READINGS
+    def noise_option(self) -> str:
+        """ "estimated", "stated", or "robust", the default with a flux."""
+        return self.case.choices.noise or ("robust" if LOG_CONDUCTIVITY in self.parameters else "estimated")
 
     @property
-    def freedom(self) -> int:
-        """The cost's degrees of freedom."""
+    def noise_can_be_estimated(self) -> bool:
+        """Whether there are enough readings to estimate the noise from."""
+        return self.readings - len(self.parameters.estimated_names) >= _MIN_READINGS
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Of the cost."""
         return max(self.readings - 1, 1)
 
-    def another(
-        self, system: StateSpace, large: StateSpace, value: float, found: np.ndarray, before: GLSFit | None
-    ) -> GLSFit:
-        """One more round, about a diffusivity and the other parameters found."""
-        case, names, start = self.case, self.names, self.case.wall.diffusivity_prior
-        free = linearise_nuisance(case, self.window, self.data, names, start, value, found, large, self.conductivity)
-        now = self.conductivity * math.exp(free.log_std * found[names.conductivity]) if names.fluxes else 0.0
-        shape = self._shape(system, scales(case).fourier(value), now / case.wall.length)
-        estimated = self.kind == "estimated" and self.enough
-        noise = _noise_left(shape, before) if before is not None and estimated else shape.stated()
+    def iterate(self, system: StateSpace, full_order: StateSpace, point: Linearisation, last: GLSFit | None) -> GLSFit:
+        """One iteration: the covariance and the linear effects at a point, then the minimum of the cost."""
+        case, parameters, start = self.case, point.parameters, self.case.wall.diffusivity_prior
+        nuisance = linearise_nuisance(point, self.kinds, full_order, self.conductivity)
+        conductivity = 0.0
+        if LOG_CONDUCTIVITY in parameters:
+            conductivity = self.conductivity * math.exp(float(parameters[LOG_CONDUCTIVITY]))
+        shape = self._noise_shape(
+            system, scales(case).fourier_number(point.diffusivity), conductivity / case.wall.length
+        )
+        estimated = self.noise_option == "estimated" and self.noise_can_be_estimated
+        noise = _noise_of_residual(shape, last) if last is not None and estimated else shape.stated()
         problem = LikelihoodProblem(
             system=system,
             data=self.data,
-            nuisance=free,
+            parameters=parameters,
+            nuisance=nuisance,
             bins=self.bins,
             observed=self.bins.mean(self.bins.observed),
             whiten=on_device(noise.whiten),
-            fourier_per_alpha=on_device(scales(case).fourier(1.0)),
+            fourier_per_alpha=on_device(scales(case).fourier_number(1.0)),
             start=on_device(start),
             lowest=on_device(self.bounds[0]),
             highest=on_device(self.bounds[1]),
             explicit_theta=self.explicit_theta,
             integrator=self.integrator,
         )
-        begin = on_device(np.concatenate([[math.log(value / start)], found]))
-        at = minimise(problem, begin, on_device(self.eta), case.choices.max_iterations)
-        chi_square = float(at.cost) / self.freedom if before is None else before.reduced_chi_square
-        rounds = 1 if before is None else before.rounds + 1
-        return GLSFit(problem, at, shape, noise, names, chi_square, estimated, rounds)
+        first = on_device(problem.to_vector(parameters))
+        minimum = minimise(problem, first, on_device(self.eta), case.choices.max_iterations)
+        chi_square = float(minimum.cost) / self.degrees_of_freedom if last is None else last.reduced_chi_square
+        iterations = 1 if last is None else last.iterations + 1
+        return GLSFit(problem, minimum, shape, noise, self.kinds, chi_square, estimated, iterations)
 
-    def _shape(self, system: StateSpace, fourier: float, conductance: float) -> NoiseShape:
-        """The covariance's shape at a Fourier number, with the faces' noise through this model.
+    def _noise_shape(self, system: StateSpace, fourier: float, conductance: float) -> NoiseShape:
+        """The covariance's shape at a Fourier number, with the faces' noise propagated by this model.
 
         Args:
-            conductance: k/L, W/m2/K, by which a face's noise is in the fluxes.
+            conductance: k/L, W/m2/K, by which the faces' noise enters the fluxes.
         """
         case, data = self.case, self.data
         response = np.array(face_response(system, on_device(fourier), data.step, data.observed.shape[0]))
         plates = response.shape[2] - len(case.sensors)
         response[:, :, len(case.sensors) :] *= conductance
         gaps = gap_errors(self.fill_std, case.record.boundary_noise_std, response, self.bins)
-        response, bins = thinned(response, self.bins, self.apart)
+        response, bins = thinned(response, self.bins, self.spacing)
         sensor_std = np.array([sensor.noise_std for sensor in case.sensors] + [flux_noise_std(case)] * plates)
         return NoiseShape(response, bins, sensor_std, case.record.boundary_noise_std, gaps)
 
 
-def _still(settled: GLSFit, found: np.ndarray) -> bool:
-    """Whether the wall's own parameters stayed where they were."""
-    loose = settled.names.of_structure
-    width = np.sqrt(np.maximum(np.diag(settled.covariance)[1:][loose], 0.0))
-    return bool(np.all(np.abs(np.asarray(settled.minimum.parameters)[1:][loose] - found[loose]) <= _STILL * width))
+def _wall_converged(fit: GLSFit, before: Parameters, names: Sequence[str]) -> bool:
+    """Whether the wall's own parameters changed by less than a tenth of a standard error."""
+    change = np.abs(np.asarray(fit.parameters.vector(names)) - np.asarray(before.vector(names)))
+    return bool(np.all(change <= _CONVERGED * np.array([fit.std(name) for name in names])))
 
 
-def _noise_left(shape: NoiseShape, settled: GLSFit) -> Noise:
-    """The noise that a minimum leaves, beside every direction that a parameter could move the readings in."""
-    directions = np.asarray(settled.minimum.jacobian).T
+def _noise_of_residual(shape: NoiseShape, fit: GLSFit) -> Noise:
+    """The noise estimated from a fit's residual, every direction of its parameters projected out."""
+    directions = np.asarray(fit.minimum.jacobian).T[fit.used]
     moving = np.linalg.norm(directions, axis=1) > 0
-    if not moving[0]:  # nothing tells of the diffusivity, and no noise would either
+    if not moving[0]:  # the readings do not depend on the diffusivity
         return shape.stated()
-    return estimate_noise(shape, np.asarray(settled.minimum.left), directions[moving], settled.along)
+    return estimate_noise(shape, np.asarray(fit.minimum.left), directions[moving], fit.sensitivity)

@@ -1,12 +1,12 @@
-"""Which parameters a record tells apart, and a plain sentence on what it cannot give.
+"""Which parameters a record identifies: collinearity index, correlations, and a sentence.
 
-With `s_j` the readings' derivatives by each parameter, whitened, what the initial profile and the shared noise could
-take up projected out (their priors kept)::
+With `s_j` the whitened derivatives of the readings with respect to each parameter, the initial profile and the common
+noise projected out within their priors::
 
     s~_j = s_j / |s_j|,      gamma_K = 1 / sqrt(min eigenvalue of S~_K' S~_K)
 
-The collinearity index `gamma_K` of a subset K is how many times less a change along its worst direction shows than the
-same change of one parameter alone: 1 where they are orthogonal; past 10 or so they cannot be told apart.
+The collinearity index `gamma_K` of a subset K is the effect of a change of one parameter alone over that of the same
+change along the subset's worst direction: 1 for orthogonal columns; above about 10 they cannot be distinguished.
 
 Source: R. Brun, P. Reichert, H. R. Kuensch, Water Resour. Res. 37 (2001), 1015.
 """
@@ -21,27 +21,30 @@ import numpy as np
 
 from ..case.case_definition import Case
 from .gls_fit import GLSFit
-from .nuisance_parameters import instrument_errors_of
+from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, PLATE_GAIN, PROFILE_MODE
+from .nuisance_parameters import CommonNoise, WallParameters, describe_instrument_error
+from .parameters import kind_of, target_of
 
 COLLINEAR = 10.0
 _LARGEST_SUBSET = 3
-_MOST_PARAMETERS = 20  # subsets of three of more are too many to go through, or to read
-_CONSTANTS = {"offsets": "offset", "positions": "position", "face_positions": "place"}
-_SAID = 2  # groups that a sentence names
-_NOT_TOLD = 0.9  # of a prior's standard deviation that is left
+_MAX_PARAMETERS = 20  # with more, subsets of three are too many
+_OTHER_KINDS = (CommonNoise.kind, PROFILE_MODE, LOG_CONDUCTIVITY, PLATE_GAIN)
+_WORDS = {LOG_DIFFUSIVITY: "the diffusivity", LOG_CONDUCTIVITY: "the conductivity"}
+_MAX_GROUPS = 2  # that a sentence names
+_UNINFORMED = 0.9  # of a prior's standard deviation: the record adds hardly any information
 
 
 @dataclass(frozen=True, eq=False)
 class Identifiability:
-    """Which parameters a record tells apart.
+    """Which parameters a record identifies.
 
     Args:
-        names: of the parameters.
+        names: the parameters in words.
         singular_values: of the scaled sensitivity (by ln(alpha), other logarithms and prior standard deviations,
             over the noise), largest first.
-        correlations: of the estimates, priors counted.
-        collinearity: of subsets of two, three and all of them, by places in `names`.
-        left: the standard deviation that is left over that of the prior, 1; NaN for the diffusivity, which has none.
+        correlations: of the estimates, priors included.
+        collinearity: index of each subset of two, three and all of them, by indices into `names`.
+        left: posterior over prior standard deviation; NaN for the diffusivity, which has no prior.
     """
 
     names: tuple[str, ...]
@@ -57,7 +60,7 @@ class Identifiability:
 
     @property
     def confused(self) -> list[tuple[int, ...]]:
-        """The smallest subsets that cannot be told apart, worst first."""
+        """The smallest subsets that cannot be distinguished, worst first."""
         found: list[tuple[int, ...]] = []
         for subset in sorted(self.collinearity, key=len):
             if self.collinearity[subset] > COLLINEAR and not any(set(one) <= set(subset) for one in found):
@@ -65,22 +68,22 @@ class Identifiability:
         return sorted(found, key=lambda subset: -self.collinearity[subset])
 
     def __str__(self) -> str:
-        told = [
-            f"{self._list(subset)} cannot be told apart by the readings alone "
+        sentences = [
+            f"{self._list(subset)} cannot be distinguished by the readings alone "
             f"(collinearity index {_index(self.collinearity[subset])})"
-            for subset in self.confused[:_SAID]
+            for subset in self.confused[:_MAX_GROUPS]
         ]
-        if more := len(self.confused[_SAID:]):
-            told.append(f"nor can {more} more group{'s' if more > 1 else ''} of these")
-        nothing = [name for name, left in zip(self.names, self.left, strict=True) if left > _NOT_TOLD]
+        if more := len(self.confused[_MAX_GROUPS:]):
+            sentences.append(f"nor can {more} more group{'s' if more > 1 else ''} of these")
+        nothing = [name for name, left in zip(self.names, self.left, strict=True) if left > _UNINFORMED]
         if nothing:
-            told.append(f"of {_and(nothing)} the record tells hardly more than was assumed")
-        if told:
-            return "; ".join(told)
-        return f"{_and(self.names)} are told apart (collinearity index {_index(self.worst)})"
+            sentences.append(f"for {_and(nothing)} the record gives hardly more than the prior")
+        if sentences:
+            return "; ".join(sentences)
+        return f"{_and(self.names)} are identifiable (collinearity index {_index(self.worst)})"
 
     def _list(self, subset: tuple[int, ...]) -> str:
-        return _and([self.names[place] for place in subset])
+        return _and([self.names[index] for index in subset])
 
 
 def _index(value: float) -> str:
@@ -101,45 +104,46 @@ def collinearity_index(sensitivity: np.ndarray) -> float:
     return 1.0 / least if least > 1e-12 else math.inf
 
 
-def identifiability(case: Case, settled: GLSFit) -> Identifiability:
-    """Which of a settled estimate's parameters the record tells apart."""
-    names = settled.names
-    told = [0, *(1 + k for k in range(names.of_structure.stop))]
-    words = ["the diffusivity"]
-    words += [f"the {_CONSTANTS[one.kind]} of {one.of}" for one in instrument_errors_of(case, names)]
-    words += [_of_wall(name) for name in names.structure]
-    if names.fluxes:
-        told += range(1 + names.conductivity, 1 + names.count)
-        words += ["the conductivity", *(f"the calibration of the {face} plate" for face in names.fluxes)]
-    S = _told_alone(settled, told)
-    places = range(len(told))
-    largest = min(_LARGEST_SUBSET, len(told)) if len(told) <= _MOST_PARAMETERS else min(2, len(told))
-    subsets = [subset for size in range(2, largest + 1) for subset in combinations(places, size)]
-    subsets += [tuple(places)] if len(told) > largest else []
-    spread = settled.covariance[np.ix_(told, told)]
-    std = np.sqrt(np.maximum(np.diag(spread), 1e-300))
+def identifiability(case: Case, fit: GLSFit) -> Identifiability:
+    """Which of a fit's parameters the record identifies: the diffusivity, instrument errors, the wall's parameters."""
+    kinds = (LOG_DIFFUSIVITY, "sensor_offset", "sensor_position", "face_position", WallParameters.kind)
+    extra = [kind for kind in dict.fromkeys(map(kind_of, fit.names)) if kind not in (*kinds, *_OTHER_KINDS)]
+    columns = fit.indices(*kinds, *extra, LOG_CONDUCTIVITY, PLATE_GAIN).tolist()
+    S = _projected_sensitivity(fit, columns)
+    order = range(len(columns))
+    largest = min(_LARGEST_SUBSET, len(columns)) if len(columns) <= _MAX_PARAMETERS else min(2, len(columns))
+    subsets = [subset for size in range(2, largest + 1) for subset in combinations(order, size)]
+    subsets += [tuple(order)] if len(columns) > largest else []
+    covariance = fit.covariance[np.ix_(columns, columns)]
+    std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     left = std.copy()
     left[0] = np.nan
     return Identifiability(
-        names=tuple(words),
+        names=tuple(_describe(fit.names[column]) for column in columns),
         singular_values=np.linalg.svd(S, compute_uv=False),
-        correlations=spread / np.outer(std, std),
+        correlations=covariance / np.outer(std, std),
         collinearity={subset: collinearity_index(S[:, list(subset)]) for subset in subsets},
         left=left,
     )
 
 
-def _told_alone(settled: GLSFit, told: list[int]) -> np.ndarray:
-    """The whitened derivatives by some parameters, without what the others (within their priors) could take up."""
-    J = settled.noise.whiten @ np.asarray(settled.minimum.jacobian)
-    others = [place for place in range(J.shape[1]) if place not in told]
+def _projected_sensitivity(fit: GLSFit, columns: list[int]) -> np.ndarray:
+    """The whitened derivatives by some parameters, the others projected out within their priors."""
+    J = fit.noise.whiten @ fit.readings_jacobian
+    others = [column for column in range(J.shape[1]) if column not in columns]
     if not others:
-        return J[:, told]
+        return J[:, columns]
     taken = np.concatenate([J[:, others], np.eye(len(others))])
-    wanted = np.concatenate([J[:, told], np.zeros((len(others), len(told)))])
+    wanted = np.concatenate([J[:, columns], np.zeros((len(others), len(columns)))])
     return wanted - taken @ np.linalg.lstsq(taken, wanted, rcond=None)[0]
 
 
-def _of_wall(name: str) -> str:
-    kind, _, place = name.replace("_", " ").partition(" ")
-    return f"the conductivity of layer {place}" if kind == "layer" else f"the film of the {place} face"
+def _describe(name: str) -> str:
+    """A parameter in words."""
+    kind, target = kind_of(name), target_of(name).replace("_", " ")
+    if name in _WORDS:
+        return _WORDS[name]
+    if kind != WallParameters.kind:
+        return f"the {describe_instrument_error(name)}"
+    part, _, which = target.partition(" ")
+    return f"the conductivity of layer {which}" if part == "layer" else f"the film of the {which} face"

@@ -1,11 +1,11 @@
-"""The readings' likelihood under the full covariance: what is minimised, its minimum, its profile, its bootstrap.
+"""The likelihood of the readings under their full covariance: its minimum, its profile, and new draws from it.
 
     -2 log L(y) = |W (m - M(y))|^2 + |z|^2,      y = (ln(alpha/alpha_0), z),      W' W = R^-1
 
-`m` are the readings, put together in bins where they are many, `M` the model's, `R` their covariance (`noise`) and `z`
-all that is free beside the diffusivity, each in units of its prior's standard deviation: offsets, position errors,
-the share of the faces' noise that all sensors of one logger have in common, and the amplitudes by which the initial
-profile differs from its polynomial, along the wall's slowest modes.
+`m` are the readings (means over bins where they are many), `M` the model's predictions, `R` their covariance
+(`noise_covariance`) and `z` the nuisance parameters, each divided by the standard deviation of its prior: offsets,
+position errors, the wall's own parameters, the share of the faces' noise that all sensors of one logger have in common,
+and the amplitudes of the initial profile along the wall's slowest modes. All of them are named (`parameters`).
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
@@ -23,9 +24,14 @@ from ..models.state_space import StateSpace
 from ..models.window_inputs import WindowData
 from .gauss_newton import Trace, search
 from .noise_covariance import Bins
+from .parameters import Parameters, kind_of
 
 LOWEST, HIGHEST = 1e-10, 1e-2
-"""Bounds of any search, m2/s: past any solid. An estimate at one is none."""
+"""Bounds of any search, m2/s, beyond any solid. An estimate at a bound is no result."""
+
+LOG_DIFFUSIVITY, LOG_CONDUCTIVITY = "log_diffusivity", "log_conductivity"
+PROFILE_MODE, PLATE_GAIN = "profile_mode", "plate_gain"
+"""The parameters and kinds that are part of the model itself; all others act linearly (`NuisanceModel.columns`)."""
 
 _PRODUCT_STEPS = 6  # of Gauss-Newton at a fixed diffusivity
 _BOOTSTRAP_STEPS = 12  # of Gauss-Newton, from the estimate that drew the readings
@@ -33,54 +39,46 @@ _BOOTSTRAP_ETA = 1e-6  # relative, of a draw's diffusivity: far under any standa
 
 
 class NuisanceModel(eqx.Module):
-    """What is free beside the diffusivity, as it acts about one diffusivity `alpha_k`.
+    """The effect of the nuisance parameters on the readings, linear about one diffusivity `alpha_k`.
 
     Args:
-        columns: what one prior standard deviation of each offset, position error, parameter of the wall itself and
-            common noise adds, K.
-        at: the columns' parameters about which positions and the wall itself are linear, prior standard deviations.
-        moved: what the positions at `at` add, K, and `moved_slope`, its derivative by ln(alpha).
+        columns: change of the readings for one prior standard deviation of each linear parameter, K.
+        at: the linear parameters at which the change below was computed, in prior standard deviations.
+        change, change_slope: change of the readings at that point, K, and its derivative with respect to ln(alpha).
         log_alpha: ln(alpha_k / start).
-        rates, shapes: of the wall's slowest modes: `x_k' = Fo f_k x_k`, and what 1 K of each is at the sensors.
-        mode_std: the amplitudes' priors, K.
-        flux: what a flux through 1 of the model's output is at the conductivity begun with, W/m2; none for sensors.
-        log_std: the wide prior of ln(conductivity) about that. gain_std: of each plate's calibration, 1.
+        rates, shapes: of the wall's slowest modes: `x_k' = Fo f_k x_k`, and each one's temperatures at the sensors, 1.
+        flux: flux for 1 of the model's flux output at the reference conductivity, W/m2; empty without plates.
     """
 
     columns: Float[Array, "param time sensor"] = eqx.field(converter=on_device)
     at: Float[Array, " param"] = eqx.field(converter=on_device)
-    moved: Float[Array, "time sensor"] = eqx.field(converter=on_device)
-    moved_slope: Float[Array, "time sensor"] = eqx.field(converter=on_device)
+    change: Float[Array, "time sensor"] = eqx.field(converter=on_device)
+    change_slope: Float[Array, "time sensor"] = eqx.field(converter=on_device)
     log_alpha: Float[Array, ""] = eqx.field(converter=on_device)
     rates: Float[Array, " mode"] = eqx.field(converter=on_device)
     shapes: Float[Array, "sensor mode"] = eqx.field(converter=on_device)
-    mode_std: Float[Array, " mode"] = eqx.field(converter=on_device)
     flux: Float[Array, " flux"] = eqx.field(converter=on_device, default=())
-    gain_std: Float[Array, " flux"] = eqx.field(converter=on_device, default=())
-    log_std: float = eqx.field(static=True, default=3.0)
 
     @property
     def fluxes(self) -> int:
-        """How many fluxes are among the readings; they come after the sensors."""
+        """The number of fluxes among the readings; they come after the sensors."""
         return self.flux.shape[0]
-
-    @property
-    def count(self) -> int:
-        """How many parameters these are: columns, modes, and with a flux ln(conductivity) and each plate's gain."""
-        return self.columns.shape[0] + self.rates.shape[0] + (1 + self.fluxes if self.fluxes else 0)
 
 
 class LikelihoodProblem(eqx.Module):
-    """What is minimised over `y = (ln(alpha/start), z)`.
+    """The cost to be minimised over `y = (ln(alpha/start), z)`.
 
     Args:
-        observed: the readings in their bins, degC, 0 in an empty one.
+        parameters: names, priors, and the mask of those estimated. `y` is in their order, `z` in prior standard
+            deviations. A parameter that is known exactly has no effect on the readings, so its `z` stays 0.
+        observed: the readings' means over bins, degC, 0 in an empty bin.
         whiten: W.
-        lowest, highest: between which diffusivities is searched, m2/s.
+        lowest, highest: bounds of the diffusivity, m2/s.
     """
 
     system: StateSpace
     data: WindowData
+    parameters: Parameters
     nuisance: NuisanceModel
     bins: Bins
     observed: Float[Array, " reading"]
@@ -92,50 +90,68 @@ class LikelihoodProblem(eqx.Module):
     explicit_theta: bool = eqx.field(static=True, default=True)
     integrator: Integrator = eqx.field(static=True, default="propagator")
 
+    def to_vector(self, parameters: Parameters) -> np.ndarray:
+        """The vector `y` of named parameters: values over their prior standard deviations."""
+        std = np.asarray(parameters.prior_std)
+        return np.asarray(parameters.values) / np.where(np.isfinite(std) & (std > 0), std, 1.0)
+
+    def to_parameters(self, y: Float[Array, " param"]) -> Parameters:
+        """The named parameters at a vector `y`."""
+        std = np.asarray(self.parameters.prior_std)
+        return self.parameters.with_values(on_device(np.asarray(y) * np.where(np.isfinite(std), std, 1.0)))
+
     def fourier(self, y: Float[Array, " param"]) -> Array:
-        """Fo."""
-        return self.fourier_per_alpha * self.start * jnp.exp(y[0])
+        """The Fourier number."""
+        return self.fourier_per_alpha * self.start * jnp.exp(y[self.parameters.index(LOG_DIFFUSIVITY)])
+
+    def values_of(self, y: Float[Array, " param"], *kinds: str) -> Float[Array, " chosen"]:
+        """The values of the parameters of some kinds, in their own units."""
+        at = self.parameters.indices(self.parameters.of_kind(*kinds))
+        return self.parameters.prior_std[at] * y[at]
 
     def predicted(self, y: Float[Array, " param"]) -> Float[Array, "time sensor"]:
-        """The readings at the rows, degC."""
-        fourier, free, data = self.fourier(y), self.nuisance, self.data
+        """The predicted readings at the rows, degC, and W/m2 of plates."""
+        fourier, nuisance, data = self.fourier(y), self.nuisance, self.data
         if self.explicit_theta:
             u = field_with_theta(fourier, data.initial, self.system, data, self.integrator)
         else:
             u = run(self.system, fourier, data, integrator=self.integrator)[0]
-        columns, modes = len(free.columns), len(free.rates)
-        linear, amplitudes = y[1 : 1 + columns], y[1 + columns : 1 + columns + modes]
-        decay = jnp.exp(fourier * jnp.outer(data.time, free.rates)) * (free.mode_std * amplitudes)
-        moved = free.moved + free.moved_slope * (y[0] - free.log_alpha)
-        added = moved + jnp.tensordot(linear - free.at, free.columns, 1)
-        shaped = decay @ free.shapes.T
-        if not free.fluxes:
-            return data.celsius(u) + added + shaped
-        sensors = u.shape[1] - free.fluxes
-        inside = data.celsius(u[:, :sensors]) + added[:, :sensors] + shaped[:, :sensors]
-        through = self.flux_scale(y) * (u + (shaped + added) / data.temperature)[:, sensors:]
-        return jnp.concatenate([inside, through], axis=1)
+        own = (LOG_DIFFUSIVITY, LOG_CONDUCTIVITY, PROFILE_MODE, PLATE_GAIN)
+        linear = self.parameters.indices(name for name in self.parameters.names if kind_of(name) not in own)
+        decay = jnp.exp(fourier * jnp.outer(data.time, nuisance.rates)) * self.values_of(y, PROFILE_MODE)
+        log_alpha = y[self.parameters.index(LOG_DIFFUSIVITY)]
+        change = nuisance.change + nuisance.change_slope * (log_alpha - nuisance.log_alpha)
+        change = change + jnp.tensordot(y[linear] - nuisance.at, nuisance.columns, 1)
+        profile = decay @ nuisance.shapes.T
+        if not nuisance.fluxes:
+            return data.celsius(u) + change + profile
+        sensors = u.shape[1] - nuisance.fluxes
+        temperatures = data.celsius(u[:, :sensors]) + change[:, :sensors] + profile[:, :sensors]
+        fluxes = self.flux_scale(y) * (u + (profile + change) / data.temperature)[:, sensors:]
+        return jnp.concatenate([temperatures, fluxes], axis=1)
 
     def flux_scale(self, y: Float[Array, " param"]) -> Float[Array, " flux"]:
-        """What each plate reads of a flux of 1 of the model's output, W/m2."""
-        thermal = y[y.shape[0] - 1 - self.nuisance.fluxes :]
-        scale = jnp.exp(self.nuisance.log_std * thermal[0]) * (1.0 + self.nuisance.gain_std * thermal[1:])
-        return self.nuisance.flux * scale
+        """Each plate's reading for 1 of the model's flux output, W/m2."""
+        return self.nuisance.flux * (
+            jnp.exp(self.values_of(y, LOG_CONDUCTIVITY)) * (1.0 + self.values_of(y, PLATE_GAIN))
+        )
 
     def binned(self, y: Float[Array, " param"]) -> tuple[Float[Array, " reading"], Float[Array, "time sensor"]]:
-        """The readings in their bins, degC, 0 in an empty one; and the readings at the rows."""
+        """The predicted readings' means over bins, degC, 0 in an empty bin; and the predictions at the rows."""
         predicted = self.predicted(y)
         return self.bins.mean(predicted), predicted
 
     def residual(self, y: Float[Array, " param"]) -> Float[Array, " row"]:
-        """The whitened misfit, then the priors' rows."""
+        """The whitened residual, then the prior residuals."""
         return jnp.concatenate([self.whiten @ (self.binned(y)[0] - self.observed), y[1:]])
 
 
 class Minimum(eqx.Module):
-    """The minimum, and the problem there.
+    """The minimum of the cost.
 
     Args:
+        predicted: at the rows, degC (W/m2 of plates).
+        left: residual of the binned readings, K.
         jacobian: of the binned readings, K, before whitening and without the priors' rows.
         cost: -2 log L.
     """
@@ -153,7 +169,7 @@ class Minimum(eqx.Module):
 def minimise(
     problem: LikelihoodProblem, first: Float[Array, " param"], eta: Float[Array, ""], max_iterations: int
 ) -> Minimum:
-    """Gauss-Newton from `first`; one compilation for all windows of a shape."""
+    """Gauss-Newton from `first`; one compilation for all windows of a shape and all choices of estimated parameters."""
     solution = _search(problem, first, eta, max_iterations)
     jacobian, predicted = jax.jacfwd(problem.binned, has_aux=True)(solution.value)
     return Minimum(
@@ -181,11 +197,11 @@ def _search(problem: LikelihoodProblem, first: Array, eta: Array, max_iterations
 
 @eqx.filter_jit
 def profile_likelihood(problem: LikelihoodProblem, log_alpha: Float[Array, " point"]) -> Float[Array, " point"]:
-    """`-2 log L` at each ln(alpha/start) with all else integrated out, up to what the noise alone sets.
+    """The profile of `-2 log L` over ln(alpha/start), nuisance parameters integrated out, without the noise's constant.
 
-    At a fixed diffusivity the rest, `z`, is linear with a normal prior, so that the integral is exact:
-    `min_z (|W (m - M)|^2 + |z|^2) + log det (1 + J_z' W' W J_z)`. Its last term is what a small diffusivity owes for
-    an initial profile that stays, and could then explain any course of the readings.
+    At a fixed diffusivity the predictions are linear in `z`, whose prior is normal, so the integral is exact:
+    `min_z (|W (m - M)|^2 + |z|^2) + log det (1 + J_z' W' W J_z)`. The last term penalises small diffusivities, at which
+    the initial profile persists and could explain any readings.
     """
 
     def linear(log: Array, z: Array) -> tuple[Array, Array]:
@@ -197,8 +213,8 @@ def profile_likelihood(problem: LikelihoodProblem, log_alpha: Float[Array, " poi
         return at, rest
 
     def cost(log: Array) -> Array:
-        z = jnp.zeros(problem.nuisance.count)
-        # conductivity and gains are a product: a few steps to where it is linear enough
+        z = jnp.zeros(len(problem.parameters) - 1)
+        # conductivity and gains are multiplied: a few steps to where that is linear enough
         for _ in range(_PRODUCT_STEPS if problem.nuisance.fluxes else 0):
             residual, rest = linear(log, z)
             step = jnp.linalg.lstsq(rest, residual)[0]
@@ -206,8 +222,8 @@ def profile_likelihood(problem: LikelihoodProblem, log_alpha: Float[Array, " poi
         residual, rest = linear(log, z)
         # the priors' rows are in `rest`
         root = jnp.linalg.cholesky(rest.T @ rest)
-        pull = jax.scipy.linalg.solve_triangular(root, rest.T @ residual, lower=True)
-        return jnp.sum(residual**2) - jnp.sum(pull**2) + 2.0 * jnp.sum(jnp.log(jnp.diag(root)))
+        explained = jax.scipy.linalg.solve_triangular(root, rest.T @ residual, lower=True)
+        return jnp.sum(residual**2) - jnp.sum(explained**2) + 2.0 * jnp.sum(jnp.log(jnp.diag(root)))
 
     return jax.lax.map(cost, log_alpha)
 
@@ -221,10 +237,10 @@ def resample(
     constant: Array,
     key: Array,
 ) -> Float[Array, " draw"]:
-    """ln(alpha/start) estimated again from readings that the fitted model makes.
+    """ln(alpha/start) estimated from readings drawn from the fitted model.
 
-    Each draw has noise of the covariance, and the parameters that are `constant` errors from their priors; the rest is
-    that of the fit.
+    Each draw has noise of the covariance, and instrument errors (`constant`) drawn from their priors; all other
+    parameters are those of the fit.
     """
 
     def one(key: Array) -> Array:
@@ -246,8 +262,8 @@ def _present(problem: LikelihoodProblem) -> Array:
 def face_response(
     system: StateSpace, fourier: Float[Array, ""], step: Float[Array, ""], rows: int
 ) -> Float[Array, "face time output"]:
-    """The outputs' answer to 1 more at one row of one face, which between rows is a straight line."""
-    # at the second row, so that the line up to it is there; what comes before is cut
+    """The outputs' response to 1 K more at one row of one face, with straight lines between rows."""
+    # the pulse is at the second row, so that the line up to it is included; the row before is cut off
     pulse = jnp.zeros((2, rows + 1, system.B.shape[1])).at[jnp.arange(2), 1, jnp.arange(2)].set(1.0)
     still = jnp.zeros(system.P.shape[1])
     return jax.vmap(lambda inputs: run_rows(system, fourier, step, inputs, still)[0])(pulse)[:, 1:]

@@ -1,233 +1,308 @@
-"""What is free beside the diffusivity in one window of a case: offsets, position errors, the initial profile.
+"""Nuisance parameters of one window: offsets, position errors, calibrations, common noise and the initial profile.
 
-None of it is noise: each is a constant with a prior, which the case states (`offset_std`, `position_std`,
-`face_position_std`) or the record's span gives (the initial profile, whose polynomial goes through few readings).
+They are no noise: each is a constant with a prior, which the case states (`offset_std`, `position_std`,
+`face_position_std`) or which follows from the record (the initial profile, whose polynomial is fitted through few
+readings). Each kind states its parameters and its linear effect on the readings. A new kind is one more entry of
+`NUISANCE_KINDS`, or of the `kinds` that an estimate is given.
 
-Sensors on one logger share some of its noise. Where the faces hardly vary, the share that the inner sensors have in
-common with them looks like heat that comes through at once, an endless diffusivity. What of a face's readings may be
-noise (a Wiener filter by the noise as stated) is therefore let into the inner readings, with a free share.
+Sensors on one logger share some of its noise. Where the faces hardly vary, noise common to all channels mimics
+instantaneous conduction and drives alpha to infinity. The part of a face's readings that may be noise (a Wiener filter
+by the stated noise) is therefore added to the inner readings, with an estimated share.
 """
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from .._internal.arrays import on_device
 from ..case.case_definition import Case
-from ..case.initial_profile import PROFILE_MODES, fit_profile, scales, window_span
+from ..case.initial_profile import PROFILE_MODES, fit_profile, scales, window_temperature_range
 from ..case.time_window import Window
 from ..case.wall_and_sensors import SIDES
 from ..models.flux_plates import flux_gain_std, fluxes_of
 from ..models.plate_model import full_order_model_with_plates
 from ..models.sensitivity_equations import run
 from ..models.state_space import StateSpace
-from ..models.wall_parameters import free_wall_parameters
+from ..models.wall_parameters import free_wall_parameters, std_of
 from ..models.window_inputs import WindowData
-from .likelihood import NuisanceModel
+from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, PLATE_GAIN, PROFILE_MODE, NuisanceModel
+from .parameters import Parameter, Parameters, kind_of, target_of
 from .position_errors import face_position_response, sensor_position_response
 
-CONDUCTIVITY_STD = 3.0  # of ln(conductivity): wide
-_SMOOTHED = 9  # frequencies
-_DIFFERENCE = 1e-3  # prior standard deviations: an error of a millionth, far over round-off
+CONDUCTIVITY_STD = 3.0  # of ln(conductivity): a wide prior
+_SMOOTHED_FREQUENCIES = 9  # of a face's power spectrum
+_DIFFERENCE_STEP = 1e-3  # prior standard deviations: a relative error of 1e-6, far above round-off
 
 
-@dataclass(frozen=True)
-class NuisanceParameters:
-    """Which parameters are free, in their order: offsets, positions, the faces' places, common noise, modes.
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """The point about which the readings are linear in the nuisance parameters.
 
     Args:
-        offsets, positions: the sensors that have one, by place.
-        depths: the faces whose sensor may sit elsewhere.
-        common: the faces, whose noise the inner sensors may share.
-        modes: how many.
-        structure: what of the wall itself is free, after the faces' places (`structure`).
-        fluxes: the faces ("left", "right") with a plate: ln(conductivity) and the plates' gains come last.
+        data: of the window; its outputs are the sensors, then the plates.
+        diffusivity: m2/s.
+        parameters: with the estimates so far, in their own units.
     """
 
-    offsets: tuple[int, ...]
-    positions: tuple[int, ...]
-    common: tuple[int, ...]
-    modes: int
-    fluxes: tuple[str, ...] = ()
-    structure: tuple[str, ...] = ()
-    depths: tuple[int, ...] = ()
+    case: Case
+    window: Window
+    data: WindowData
+    diffusivity: float
+    parameters: Parameters
 
-    @property
-    def count(self) -> int:
-        """Of all of them."""
-        return self.conductivity + (1 + len(self.fluxes) if self.fluxes else 0)
+    @cached_property
+    def sensors(self) -> int:
+        """The number of inner sensors."""
+        return len(self.case.sensors)
 
-    @property
-    def conductivity(self) -> int:
-        """The place of ln(conductivity), where there is a flux."""
-        return self.linear + self.modes
+    @cached_property
+    def shape(self) -> tuple[int, int]:
+        """Of the readings, `(time, channel)`."""
+        rows, channels = self.data.observed.shape
+        return rows, channels
 
-    @property
-    def constants(self) -> np.ndarray:
-        """Among ln(alpha) and all of these, the constant errors of instruments: offsets, places, gains."""
-        place = np.arange(1 + self.count)
-        return ((place > 0) & (place <= self.errors)) | (place > self.conductivity + 1)
+    def in_prior_std(self, names: Sequence[str]) -> np.ndarray:
+        """The estimates of some parameters so far, over their prior standard deviations."""
+        at = self.parameters.indices(names)
+        return np.asarray(self.parameters.values)[at] / np.asarray(self.parameters.prior_std)[at]
 
-    @property
-    def errors(self) -> int:
-        """Of offsets and places."""
-        return len(self.offsets) + len(self.positions) + len(self.depths)
-
-    @property
-    def of_positions(self) -> slice:
-        """The sensors' places among all that is free."""
-        return slice(len(self.offsets), len(self.offsets) + len(self.positions))
-
-    @property
-    def of_depths(self) -> slice:
-        """Those of the faces' sensors."""
-        return slice(self.of_positions.stop, self.errors)
-
-    @property
-    def of_structure(self) -> slice:
-        """The parameters of the wall itself among all that is free."""
-        return slice(self.errors, self.errors + len(self.structure))
-
-    @property
-    def linear(self) -> int:
-        """Of all before the initial profile's modes."""
-        return self.errors + len(self.structure) + len(self.common)
+    @cached_property
+    def wall(self) -> np.ndarray:
+        """The estimates of the wall's own parameters so far, over their prior standard deviations."""
+        return self.in_prior_std(self.parameters.of_kind(WallParameters.kind))
 
 
-def nuisance_parameters_of(case: Case, window: Window) -> NuisanceParameters:
-    """What a case leaves free: no mode where the initial profile was given."""
-    known = fit_profile(case, window.row).eps_2 is None
+class LinearEffect(NamedTuple):
+    """The effect of some parameters on the readings, linear about a point.
+
+    Args:
+        columns: change of the readings for one prior standard deviation of each, K, `(param, time, channel)`.
+        at: the point, in prior standard deviations, `(param,)`.
+        change, slope: change of the readings at the point, K, and its derivative with respect to ln(alpha), for an
+            effect that is not proportional to its parameters; `(time, channel)`.
+    """
+
+    columns: np.ndarray
+    at: np.ndarray
+    change: np.ndarray | float = 0.0
+    slope: np.ndarray | float = 0.0
+
+
+class NuisanceKind(ABC):
+    """A kind of nuisance parameters: its parameters and their effect on the readings.
+
+    Attributes:
+        kind: the beginning of its parameters' names.
+        source_of_variance: its name in the shares of the diffusivity's variance.
+        is_instrument_error: whether it is a constant error of an instrument, the same in every window.
+    """
+
+    kind: str
+    source_of_variance: str
+    is_instrument_error: bool = False
+
+    @abstractmethod
+    def parameters(self, case: Case, window: Window) -> Iterable[Parameter]:
+        """Its parameters in a window of a case, with their priors."""
+
+    @abstractmethod
+    def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
+        """The effect on the readings of its parameters of these names."""
+
+
+class SensorOffsets(NuisanceKind):
+    """A constant offset of each sensor's readings, K."""
+
+    kind, source_of_variance, is_instrument_error = "sensor_offset", "offsets", True
+
+    def parameters(self, case: Case, window: Window) -> Iterable[Parameter]:
+        """One for each sensor."""
+        return (Parameter(f"{self.kind}[{s.name}]", "K", prior_std=s.offset_std) for s in case.sensors)
+
+    def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
+        """The offset itself."""
+        columns = np.zeros((len(names), *point.shape))
+        for k, sensor in enumerate(point.case.sensors):
+            columns[k, :, k] = sensor.offset_std
+        return LinearEffect(columns, np.zeros(len(names)))
+
+
+class SensorPositions(NuisanceKind):
+    """The true position of each sensor minus the stated one, m."""
+
+    kind, source_of_variance, is_instrument_error = "sensor_position", "positions", True
+
+    def parameters(self, case: Case, window: Window) -> Iterable[Parameter]:
+        """One for each sensor."""
+        return (Parameter(f"{self.kind}[{s.name}]", "m", prior_std=s.position_std) for s in case.sensors)
+
+    def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
+        """The temperature gradient at each position, and the change from the stated positions to the estimates."""
+        columns, at = np.zeros((len(names), *point.shape)), np.zeros(len(names))
+        uncertain = tuple(k for k, sensor in enumerate(point.case.sensors) if sensor.position_std > 0)
+        if not uncertain:
+            return LinearEffect(columns, at)
+        change, slope = np.zeros((2, *point.shape))
+        estimates = point.in_prior_std([names[k] for k in uncertain])
+        gradient, change[:, : point.sensors], slope[:, : point.sensors], at[list(uncertain)] = sensor_position_response(
+            point.case, point.data, uncertain, point.diffusivity, estimates, point.wall
+        )
+        for k in uncertain:
+            columns[k, :, k] = point.case.sensors[k].position_std * gradient[:, k]
+        return LinearEffect(columns, at, change, slope)
+
+
+class FacePositions(NuisanceKind):
+    """The position of each face's sensor, m to the right of the face."""
+
+    kind, source_of_variance, is_instrument_error = "face_position", "faces' places", True
+
+    def parameters(self, case: Case, window: Window) -> Iterable[Parameter]:
+        """One for each face."""
+        std = case.record.face_position_std
+        return (Parameter(f"{self.kind}[{face}]", "m", prior_std=std) for face in SIDES)
+
+    def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
+        """By the gradients at the sensors and the derivative with respect to ln(alpha)."""
+        if point.case.record.face_position_std == 0.0:
+            return LinearEffect(np.zeros((len(names), *point.shape)), np.zeros(len(names)))
+        model = full_order_model_with_plates(point.case, point.wall, gradients=True)
+        columns = face_position_response(point.case, point.data, point.diffusivity, model)
+        return LinearEffect(columns, np.zeros(len(names)))
+
+
+class WallParameters(NuisanceKind):
+    """The wall's own parameters: logarithms of layer conductivities and of film lengths."""
+
+    kind, source_of_variance = "wall", "layers and films"
+
+    def parameters(self, case: Case, window: Window) -> Iterable[Parameter]:
+        """Those that the case's options name."""
+        return (Parameter(f"{self.kind}[{name}]", prior_std=std_of(name)) for name in free_wall_parameters(case))
+
+    def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
+        """Central differences of the full-order model."""
+        fourier = on_device(scales(point.case).fourier_number(point.diffusivity))
+        columns = np.zeros((len(names), *point.shape))
+        for k, step in enumerate(_DIFFERENCE_STEP * np.eye(len(names))):
+            low, high = (
+                np.asarray(run(full_order_model_with_plates(point.case, at), fourier, point.data)[0])
+                for at in (point.wall - step, point.wall + step)
+            )
+            columns[k] = float(point.data.temperature) * (high - low) / (2 * _DIFFERENCE_STEP)
+        return LinearEffect(columns, point.wall)
+
+
+class CommonNoise(NuisanceKind):
+    """The share of each face's noise that all sensors of one logger have in common."""
+
+    kind, source_of_variance = "common_noise", "common noise"
+
+    def parameters(self, case: Case, window: Window) -> Iterable[Parameter]:
+        """One for each face; none without an inner sensor."""
+        present = case.record.boundary_noise_std > 0
+        return (Parameter(f"{self.kind}[{face}]", prior_std=float(present)) for face in SIDES if case.sensors)
+
+    def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
+        """The part of the face's readings that may be noise, in every inner sensor."""
+        columns, std = np.zeros((len(names), *point.shape)), point.case.record.boundary_noise_std
+        faces = np.asarray(point.case.record.window(point.window.row, point.window.rows).faces)
+        for k, name in enumerate(names if std > 0 else ()):
+            columns[k, :, : point.sensors] = wiener_filtered_noise(faces[:, SIDES.index(target_of(name))], std)[:, None]
+        return LinearEffect(columns, np.zeros(len(names)))
+
+
+NUISANCE_KINDS: tuple[NuisanceKind, ...] = (
+    SensorOffsets(),
+    SensorPositions(),
+    FacePositions(),
+    WallParameters(),
+    CommonNoise(),
+)
+"""The kinds of every estimate. The initial profile's modes and the plates' calibration are part of the model itself."""
+
+
+def estimate_parameters(case: Case, window: Window, kinds: Sequence[NuisanceKind] = NUISANCE_KINDS) -> Parameters:
+    """The diffusivity and all nuisance parameters of a window, each with its prior.
+
+    The diffusivity's logarithm (relative to the prior diffusivity) comes first, then the kinds, then the amplitudes of
+    the initial profile's modes (K; known exactly where the case gives the profile), then, with flux plates, the
+    logarithm of the conductivity and each plate's calibration error.
+    """
+    profile_known = fit_profile(case, window.row).eps_2 is None
+    mode_std = 0.0 if profile_known else window_temperature_range(case, window)
     plates = fluxes_of(case)
-    return NuisanceParameters(
-        offsets=tuple(s for s, sensor in enumerate(case.sensors) if sensor.offset_std > 0),
-        positions=tuple(s for s, sensor in enumerate(case.sensors) if sensor.position_std > 0),
-        common=(0, 1) if case.record.boundary_noise_std > 0 and case.sensors else (),
-        modes=0 if known else min(PROFILE_MODES, case.choices.nodes - 2),
-        fluxes=plates,
-        structure=free_wall_parameters(case),
-        depths=(0, 1) if case.record.face_position_std > 0 else (),
-    )
+    parameters = [Parameter(LOG_DIFFUSIVITY)]
+    for kind in kinds:
+        parameters += kind.parameters(case, window)
+    modes = min(PROFILE_MODES, case.choices.nodes - 2)
+    parameters += [Parameter(f"{PROFILE_MODE}[{k}]", "K", prior_std=mode_std / k) for k in range(1, modes + 1)]
+    if plates:
+        parameters.append(Parameter(LOG_CONDUCTIVITY, prior_std=CONDUCTIVITY_STD))
+        parameters += [Parameter(f"{PLATE_GAIN}[{face}]", prior_std=flux_gain_std(case)) for face in plates]
+    return Parameters.of(parameters)
 
 
-class InstrumentError(NamedTuple):
-    """A constant error of an instrument, and what the case states of it.
-
-    Args:
-        kind: as an estimate has it. name: of the sensor or the face.
-        of: whose it is, in words.
-        std: of its prior, in `unit`.
-    """
-
-    kind: Literal["offsets", "positions", "face_positions"]
-    name: str
-    of: str
-    std: float
-    unit: str
+def instrument_error_kinds(kinds: Sequence[NuisanceKind]) -> tuple[str, ...]:
+    """The kinds that are constant errors of instruments, plates included."""
+    return (*(kind.kind for kind in kinds if kind.is_instrument_error), PLATE_GAIN)
 
 
-def instrument_errors_of(case: Case, names: NuisanceParameters) -> list[InstrumentError]:
-    """The offsets and places that are free, in their order."""
-    offsets, sensors = ([case.sensors[s] for s in those] for those in (names.offsets, names.positions))
-    std, faces = case.record.face_position_std, [SIDES[side] for side in names.depths]
-    return [
-        *(InstrumentError("offsets", sensor.name, sensor.name, sensor.offset_std, "K") for sensor in offsets),
-        *(InstrumentError("positions", sensor.name, sensor.name, sensor.position_std, "m") for sensor in sensors),
-        *(InstrumentError("face_positions", face, f"the {face} face's sensor", std, "m") for face in faces),
-    ]
+def describe_instrument_error(name: str) -> str:
+    """An instrument error in words: "offset of T1", "position error of the left face's sensor"."""
+    words = {
+        SensorPositions.kind: "position error of {}",
+        FacePositions.kind: "position error of the {} face's sensor",
+        PLATE_GAIN: "calibration of the {} plate",
+    }
+    kind = kind_of(name)
+    default = kind.removeprefix("sensor_").replace("_", " ") + " of {}"
+    return words.get(kind, default).format(target_of(name))
 
 
 def linearise_nuisance(
-    case: Case,
-    window: Window,
-    data: WindowData,
-    names: NuisanceParameters,
-    start: float,
-    diffusivity: float,
-    found: np.ndarray,
-    large: StateSpace,
-    conductivity: float = 1.0,
+    point: Linearisation, kinds: Sequence[NuisanceKind], model: StateSpace, conductivity: float = 1.0
 ) -> NuisanceModel:
-    """What is free as it acts about a diffusivity and the parameters found so far.
+    """The nuisance parameters' effect on the readings, linear about a point.
 
     Args:
-        start, diffusivity: m2/s; ln(diffusivity/start) is where the positions are linear.
-        found: parameters in prior standard deviations, about whose positions the model is made linear.
-        large: the case's large model with all outputs, at the structure found so far.
-        conductivity: W/m/K, about which that of a case with a flux is looked for.
+        kinds: of nuisance parameters.
+        model: the case's full-order model with all outputs, at the estimates so far.
+        conductivity: W/m/K, the reference value of a case with fluxes.
     """
-    columns, at, moved, moved_slope = _columns(case, window, data, names, diffusivity, found)
-    modes = names.modes
+    case, parameters = point.case, point.parameters
+    effects = [kind.effect(names, point) for kind in kinds if (names := parameters.of_kind(kind.kind))]
+    modes = len(parameters.of_kind(PROFILE_MODE))
+    change, slope = np.zeros((2, *point.shape))
+    for one in effects:
+        change, slope = change + one.change, slope + one.slope
     return NuisanceModel(
-        columns=columns,
-        at=at,
-        moved=moved,
-        moved_slope=moved_slope,
-        log_alpha=math.log(diffusivity / start),
-        rates=np.asarray(large.A)[::-1][:modes],
-        shapes=np.asarray(large.C)[:, ::-1][:, :modes],
-        mode_std=window_span(case, window) / np.arange(1, modes + 1),
-        flux=np.full(len(names.fluxes), conductivity / case.wall.length * float(data.temperature)),
-        gain_std=np.full(len(names.fluxes), flux_gain_std(case)),
-        log_std=CONDUCTIVITY_STD,
+        columns=np.concatenate([np.zeros((0, *point.shape)), *(one.columns for one in effects)]),
+        at=np.concatenate([np.zeros(0), *(one.at for one in effects)]),
+        change=change,
+        change_slope=slope,
+        log_alpha=math.log(point.diffusivity / case.wall.diffusivity_prior),
+        rates=np.asarray(model.A)[::-1][:modes],
+        shapes=np.asarray(model.C)[:, ::-1][:, :modes],
+        flux=np.full(len(fluxes_of(case)), conductivity / case.wall.length * float(point.data.temperature)),
     )
 
 
-def _columns(
-    case: Case,
-    window: Window,
-    data: WindowData,
-    names: NuisanceParameters,
-    diffusivity: float,
-    found: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """All that is linear: columns, where they are, what that adds and its slope, as `Free` has them."""
-    rows, channels = data.observed.shape
-    sensors = channels - len(names.fluxes)
-    columns, at = np.zeros((names.linear, rows, channels)), np.zeros(names.linear)
-    moved, moved_slope = np.zeros((2, rows, channels))
-    structure = at[names.of_structure] = found[names.of_structure]
-    for k, s in enumerate(names.offsets):
-        columns[k, :, s] = case.sensors[s].offset_std
-    if names.positions:
-        places = names.of_positions
-        gradient, moved[:, :sensors], moved_slope[:, :sensors], at[places] = sensor_position_response(
-            case, data, names.positions, diffusivity, found[places], structure
-        )
-        for k, s in enumerate(names.positions, start=places.start):
-            columns[k, :, s] = case.sensors[s].position_std * gradient[:, s]
-    if names.depths:
-        columns[names.of_depths] = face_position_response(
-            case, data, diffusivity, full_order_model_with_plates(case, structure, gradients=True)
-        )
-    for k in range(len(structure)):
-        columns[names.errors + k] = _along(case, data, diffusivity, structure, k)
-    faces = np.asarray(case.record.window(window.row, window.rows).faces)
-    for k, side in enumerate(names.common, start=names.of_structure.stop):
-        columns[k, :, :sensors] = noise_within(faces[:, side], case.record.boundary_noise_std)[:, None]
-    return columns, at, moved, moved_slope
+def wiener_filtered_noise(readings: np.ndarray, std: float) -> np.ndarray:
+    """The part of a face's readings that may be white noise of this size, K: `min(1, std^2 / P)` of each frequency.
 
-
-def noise_within(readings: np.ndarray, std: float) -> np.ndarray:
-    """What of a face's readings may be white noise of this size, K: `min(1, std^2 / P)` of each frequency.
-
-    `P` is the readings' own power, smoothed over neighbouring frequencies.
+    `P` is the power spectrum of the readings, smoothed over neighbouring frequencies.
     """
     spectrum = np.asarray(scipy.fft.dct(readings - readings.mean(), type=2, norm="ortho"))
-    power = scipy.ndimage.uniform_filter1d(spectrum**2, min(_SMOOTHED, len(readings)), mode="nearest")
+    width = min(_SMOOTHED_FREQUENCIES, len(readings))
+    power = scipy.ndimage.uniform_filter1d(spectrum**2, width, mode="nearest")
     share = std**2 / np.maximum(power, std**2)
     return np.asarray(scipy.fft.idct(share * spectrum, type=2, norm="ortho"))
-
-
-def _along(case: Case, data: WindowData, diffusivity: float, structure: np.ndarray, place: int) -> np.ndarray:
-    """What one prior standard deviation more of a parameter of the wall makes of the outputs, K, by differences."""
-    fourier, ends = on_device(scales(case).fourier(diffusivity)), []
-    for step in (-_DIFFERENCE, _DIFFERENCE):
-        values = structure.copy()
-        values[place] += step
-        ends.append(np.asarray(run(full_order_model_with_plates(case, values), fourier, data)[0]))
-    return float(data.temperature) * (ends[1] - ends[0]) / (2 * _DIFFERENCE)

@@ -1,4 +1,4 @@
-"""A parametric bootstrap: the estimate made again from readings that the fitted model draws.
+"""A parametric bootstrap: the estimate repeated on readings drawn from the fitted model.
 
 Source: A. C. Davison, D. V. Hinkley, Bootstrap Methods and their Application (1997), 2.2 and 5.2.
 """
@@ -14,17 +14,18 @@ import numpy as np
 from .._internal.arrays import on_device
 from .gls_fit import GLSFit
 from .likelihood import resample
+from .nuisance_parameters import instrument_error_kinds
 
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """The estimate made again from readings that the fitted model draws: a check of standard error and interval.
+    """The estimates from readings drawn from the fitted model: a check of standard error and interval.
 
     Args:
-        draws, seed: how many, and of what random numbers.
+        draws, seed: the number of draws, and the seed of the random numbers.
         std: m2/s, of the estimates; that of ln(alpha) times alpha.
         interval_95: m2/s, `alpha^2` over the draws' 97.5 % and 2.5 % quantiles (the basic interval of ln(alpha)).
-        bias: the mean of ln(alpha) less its truth, in standard errors of the fit.
+        bias: mean of ln(alpha) minus its true value, in standard errors of the fit.
         values: of the draws, m2/s.
     """
 
@@ -40,25 +41,34 @@ class Bootstrap:
         return f"bootstrap    of {self.draws} draws: +- {self.std:.1g}   (95 %: {low:.4g} to {high:.4g})"
 
 
-def bootstrap(settled: GLSFit, draws: int, seed: int) -> Bootstrap:
-    """A parametric bootstrap: noise of the covariance found, offsets and positions from their priors."""
-    root = np.linalg.cholesky(settled.noise_covariance)
-    found = resample(
-        settled.problem,
-        settled.minimum.parameters,
+def bootstrap(fit: GLSFit, draws: int, seed: int) -> Bootstrap:
+    """A parametric bootstrap: noise from the estimated covariance, instrument errors from their priors.
+
+    Args:
+        draws: how many. seed: of the random numbers.
+
+    Returns:
+        the draws' diffusivities, their standard deviation, interval and bias.
+    """
+    root = np.linalg.cholesky(fit.readings_covariance)
+    parameters = fit.problem.parameters
+    instrument_errors = parameters.indices(parameters.of_kind(*instrument_error_kinds(fit.kinds)))
+    log_alphas = resample(
+        fit.problem,
+        fit.minimum.parameters,
         on_device(root),
         draws,
-        on_device(settled.names.constants),
+        on_device(np.isin(np.arange(len(parameters)), instrument_errors)),
         jax.random.key(seed),
     )
-    away = np.asarray(found) - settled.log_alpha
+    away = np.asarray(log_alphas) - fit.log_alpha
     low, high = np.quantile(away, [0.025, 0.975])
-    value = settled.diffusivity
+    value = fit.diffusivity
     return Bootstrap(
         draws=draws,
         seed=seed,
         std=value * float(np.std(away, ddof=1)),
         interval_95=(value * math.exp(-high), value * math.exp(-low)),
-        bias=float(np.mean(away)) / settled.log_std,
+        bias=float(np.mean(away)) / fit.log_std,
         values=value * np.exp(away),
     )

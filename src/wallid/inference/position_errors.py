@@ -39,7 +39,7 @@ def sensor_position_response(
     places = np.clip(places, _EDGE * length, (1 - _EDGE) * length)
     outputs = [Output(x) for x in (*stated, *places)] + [Output(x, "gradient") for x in places]
     system = model_at(case, free_wall_parameters(case), structure, outputs)
-    fourier = scales(case).fourier(diffusivity)
+    fourier = scales(case).fourier_number(diffusivity)
     u, theta = explicit(system, on_device(fourier), data)
     kelvin, sensors = float(data.temperature), len(stated)
     u, theta = kelvin * np.asarray(u), kelvin * fourier * np.asarray(theta)
@@ -78,7 +78,7 @@ def face_position_response(case: Case, data: WindowData, diffusivity: float, lar
         large: its outputs are the sensors, the plates, and last the gradients at the sensors.
     """
     length, places = case.wall.length, np.array([sensor.position for sensor in case.sensors])
-    sensors, kelvin, fourier = len(places), float(data.temperature), scales(case).fourier(diffusivity)
+    sensors, kelvin, fourier = len(places), float(data.temperature), scales(case).fourier_number(diffusivity)
     u, theta = (kelvin * np.asarray(one) for one in explicit(large, on_device(fourier), data))
     channels = u.shape[1] - sensors
     slope, gradient = fourier * theta[:, :channels], u[:, channels:] / length

@@ -176,7 +176,7 @@ def simple_sigma(case: Case, data: WindowData, diffusivity: float) -> Float[np.n
     gradients = [Output(sensor.position, "gradient") for sensor in case.sensors]
     sensors = len(gradients)
     large = full_order_model(case, gradients).select(list(range(sensors, 2 * sensors)))
-    slope = np.asarray(run(large, scales(case).fourier(diffusivity), data)[0])
+    slope = np.asarray(run(large, scales(case).fourier_number(diffusivity), data)[0])
     return paper_sigma(
         np.array([sensor.noise_std for sensor in case.sensors]),
         slope * float(data.temperature) / case.wall.length,

@@ -10,7 +10,7 @@ import numpy as np
 from .._internal.arrays import on_device
 from ..case.case_definition import Case
 from ..case.initial_profile import PROFILE_MODES
-from ..case.time_window import Window, whole
+from ..case.time_window import Window, entire_record
 from ..case.wall_and_sensors import SIDES
 from .finite_volume_wall import Output
 from .window_inputs import WindowData
@@ -18,7 +18,7 @@ from .window_inputs import WindowData
 
 def conductance_of(case: Case) -> float:
     """k / L by which a design takes fluxes, W/m2/K."""
-    return first_conductivity(case, whole(case)) / case.wall.length
+    return first_conductivity(case, entire_record(case)) / case.wall.length
 
 
 FLUX_NOISE_STD = 1.0  # W/m2
@@ -67,7 +67,7 @@ def untold_rows(case: Case, rows: int, step: float) -> int:
 
 def flux_readings(case: Case, window: Window) -> np.ndarray:
     """The plates' readings in a window, W/m2, NaN where there is none or it is not used, `(time, flux)`."""
-    read = [case.record.regressors[f"flux_{face}"][window.part] for face in fluxes_of(case)]
+    read = [case.record.regressors[f"flux_{face}"][window.as_slice] for face in fluxes_of(case)]
     flux = np.stack(read, axis=1) if read else np.zeros((window.rows, 0))
     untold = np.arange(window.rows) < untold_rows(case, window.rows, case.record.step)
     return np.where(untold[:, None], np.nan, flux)

@@ -24,7 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, ScalarLike
 
-from .._internal.arrays import on_device, part_of
+from .._internal.arrays import index_array, on_device
 
 _ARRAYS = ("A", "B", "C", "D", "P", "A0", "B0", "C_theta", "capacity")
 _FILE_FORMAT = 1
@@ -166,9 +166,9 @@ class StateSpace(eqx.Module):
         rows = np.asarray(outputs)
         return dataclasses.replace(
             self,
-            C=part_of(self.C, rows),
-            D=part_of(self.D, rows),
-            C_theta=None if self.C_theta is None else part_of(self.C_theta, rows),
+            C=index_array(self.C, rows),
+            D=index_array(self.D, rows),
+            C_theta=None if self.C_theta is None else index_array(self.C_theta, rows),
             output_names=tuple(self.output_names[row] for row in outputs) if self.output_names else (),
         )
 

@@ -13,7 +13,7 @@ from .._internal.arrays import on_device
 from .._internal.errors import InputError
 from ..case.case_definition import Case
 from ..case.initial_profile import dimensionless_profile, fit_profile, profile_degree, scales
-from ..case.time_window import STILL, Window, check_unbroken, whole
+from ..case.time_window import MIN_FACE_RANGE, Window, check_unbroken, entire_record
 from ..case.wall_and_sensors import SIDES
 from .finite_volume_wall import Output, finite_volume_model
 from .state_space import StateSpace
@@ -94,7 +94,7 @@ def window_data(case: Case, window: Window | None = None, *, weighted: bool = Tr
         observed=np.where(present, part.sensors, 0.0),
         weight=present / noise,
         offset_std=offset_std,
-        profile_per_offset=profile.per_reading / scale.temperature,
+        profile_per_offset=profile.coefficients_per_reading / scale.temperature,
         temperature=scale.temperature,
         temperature_min=scale.temperature_min,
         offsets=tuple(int(s) for s in np.flatnonzero(offset_std > 0)),
@@ -123,15 +123,15 @@ def check_driven(model: StateSpace, case: Case, window: Window | None = None) ->
     Raises:
         InputError: such a face moves in this window, or does not meet the initial profile.
     """
-    window = whole(case) if window is None else window
+    window = entire_record(case) if window is None else window
     faces = np.asarray(case.record.window(window.row, window.rows).faces)
     coefficients = fit_profile(case, window.row).coefficients
     ends = np.array([coefficients[0], coefficients.sum()])
     largest = np.max(np.abs(faces - ends), axis=0)
     for side, name in enumerate(SIDES):
-        if not model.driven[side] and largest[side] > STILL:
+        if not model.driven[side] and largest[side] > MIN_FACE_RANGE:
             raise InputError(
                 f"record: the {name} face moves by up to {largest[side]:.3g} K from the initial profile, and the "
                 f"reduced model never learned what the {name} face does; add a learning signal in which it "
-                'moves ([[learning.signal]]), or use [choices] model = "finite_volume_model"'
+                'moves ([[learning.signal]]), or use [choices] model = "lom"'
             )

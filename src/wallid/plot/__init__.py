@@ -1,28 +1,49 @@
-"""Figures, each drawn on Axes that the caller gives, in one style.
+"""Figures of cases, designs, estimates and diagnoses, each drawn on matplotlib Axes that the caller gives.
 
-Each is complete by itself: with its units, its legend or colour bar, and the room they need. Panels that
-share a legend are drawn with `legend=False` and take `shared_legend`. Nothing here shows a window; `style()`
-is the house style as a matplotlib context, `STYLE` as `plt.style.use` takes it.
+Each figure has units on its axes, and a legend or a colour bar. Panels that share a legend are drawn with
+`legend=False`; `shared_legend` then adds one legend to the figure. No function opens a window. `style()` is the style
+of the figures as a matplotlib context, `STYLE` the same as a dictionary for `plt.style.use`.
 """
 
 from __future__ import annotations
 
 from .estimate_window import convergence, initial_profile, measured_against_simulated, reading_interval, residual
-from .experiment_design import compromise, criterion, sampling, sensor_places
+from .experiment_design import criterion, sampling_steps, sensor_placement, window_lengths
 from .heat_flux import flux_density, flux_interval, flux_residual, measured_flux
-from .house_style import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SENSORS, SKY, STYLE, YELLOW, colour, figure, style
+from .house_style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    RED,
+    SENSOR_COLOURS,
+    SKY,
+    STYLE,
+    YELLOW,
+    figure,
+    sensor_colour,
+    style,
+)
 from .legends import shared_legend
-from .logged_record import coverage, record
-from .missing_effects import confusability, ranked_gains, size_by_window, waterfall, week_residuals, week_temperatures
-from .model import flux_theta, orders, theta
-from .prediction import density, flux, last_week, loads, uncertainty
+from .logged_record import data_availability, record
+from .missing_effects import (
+    cosine_similarity,
+    ranked_gains,
+    size_by_window,
+    waterfall,
+    week_residuals,
+    week_temperatures,
+)
+from .model import error_by_order, flux_sensitivity, sensitivity
+from .prediction import heat_load, inner_face_flux, last_week, measurement_uncertainty, residual_density
 from .residuals import (
     colour_limit,
     cumulative_periodogram,
     hourly_residual,
     residual_map,
     shared_colour_bar,
-    smooth_remainder,
+    smooth_residual,
 )
 from .wall_section import wall
 from .windows import forest, resistance_forest
@@ -34,50 +55,50 @@ __all__ = [
     "ORANGE",
     "PURPLE",
     "RED",
-    "SENSORS",
+    "SENSOR_COLOURS",
     "SKY",
     "STYLE",
     "YELLOW",
-    "colour",
     "colour_limit",
-    "compromise",
-    "confusability",
     "convergence",
-    "coverage",
+    "cosine_similarity",
     "criterion",
     "cumulative_periodogram",
-    "density",
+    "data_availability",
+    "error_by_order",
     "figure",
-    "flux",
     "flux_density",
     "flux_interval",
     "flux_residual",
-    "flux_theta",
+    "flux_sensitivity",
     "forest",
+    "heat_load",
     "hourly_residual",
     "initial_profile",
+    "inner_face_flux",
     "last_week",
-    "loads",
     "measured_against_simulated",
     "measured_flux",
-    "orders",
+    "measurement_uncertainty",
     "ranked_gains",
     "reading_interval",
     "record",
     "residual",
+    "residual_density",
     "residual_map",
     "resistance_forest",
-    "sampling",
-    "sensor_places",
+    "sampling_steps",
+    "sensitivity",
+    "sensor_colour",
+    "sensor_placement",
     "shared_colour_bar",
     "shared_legend",
     "size_by_window",
-    "smooth_remainder",
+    "smooth_residual",
     "style",
-    "theta",
-    "uncertainty",
     "wall",
     "waterfall",
     "week_residuals",
     "week_temperatures",
+    "window_lengths",
 ]

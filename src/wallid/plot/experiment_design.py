@@ -1,4 +1,4 @@
-"""Figures of a design: which days tell most, how many of them, where a further sensor helps, how often to read."""
+"""Figures of an experiment design: window, window length, sensor placement and sampling step."""
 
 from __future__ import annotations
 
@@ -6,87 +6,96 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from .._internal.number_formats import number
+from .._internal.number_formats import format_number
 from .._internal.units import DAY
 from ..experiment_design.sampling_step import SamplingComparison
 from ..experiment_design.sensor_placement import SensorPlacement
 from ..experiment_design.window_lengths import LengthComparison
 from ..experiment_design.window_selection import Design
-from .house_style import BLUE, GREY, ORANGE, RED, colour, marked_line
+from .house_style import BLUE, GREY, ORANGE, RED, curve_style, sensor_colour
 from .legends import legend_above, legend_below
 
 
 def criterion(ax: Axes, design: Design) -> None:
-    """The criterion over start days, for each diffusivity, the best window marked."""
+    """The design criterion against the start of the window, for each diffusivity, with the best window marked."""
     for a, (alpha, values) in enumerate(zip(design.diffusivities, design.criterion, strict=True)):
-        ax.plot(design.start_days, values, ms=3, label=rf"$\alpha$ = {number(alpha, 2)} m²/s", **marked_line(a))
+        ax.plot(design.start_days, values, ms=3, label=rf"$\alpha$ = {format_number(alpha, 2)} m²/s", **curve_style(a))
     if design.robust != "no":
-        ax.plot(design.start_days, design.merit, "-", lw=2.0, color=GREY, label=f"{design.robust}")
+        ax.plot(design.start_days, design.relative_criterion, "-", lw=2.0, color=GREY, label=f"{design.robust} over α")
     best = design.best.row * design.step / DAY
-    ax.plot([best], [1.0], "o", ms=9, mfc="none", color=RED, label=f"best, from day {best:g}")
+    ax.plot([best], [1.0], "o", ms=9, mfc="none", color=RED, label=f"best window, from day {best:g}")
     length = design.rows * design.step / DAY
     ax.set(
-        xlabel=f"start of the window of {length:.3g} days (days)",
-        ylabel=r"$\Psi / \Psi_{max}$ (-)",
+        xlabel="start of the window (days)",
+        ylabel="relative criterion (-)",
         ylim=(0, 1.05),
-        title=f"Which days tell most ({design.kind}-criterion)",
+        title=f"{design.criterion_name}-criterion of windows of {length:.3g} d",
     )
     legend_above(ax)
 
 
-def compromise(ax: Axes, lengths: LengthComparison) -> None:
-    """The criterion against the window's length, with the estimate's cost beside it where it is known."""
-    (left,) = ax.plot(lengths.days, lengths.criterion, "o-", color=BLUE, label="criterion")
-    ax.set(xlabel="length of the window (days)", ylabel=r"$\Psi / \Psi_{longest}$ (-)", ylim=(0, 1.08))
-    ax.set_title("What a longer window gives and costs")
-    timed = np.isfinite(lengths.seconds)
+def window_lengths(ax: Axes, comparison: LengthComparison) -> None:
+    """The design criterion and, where known, the computing time of an estimate, against the length of the window."""
+    (left,) = ax.plot(comparison.days, comparison.criterion, "o-", color=BLUE, label="criterion")
+    ax.set(xlabel="length of the window (days)", ylabel="relative criterion (-)", ylim=(0, 1.08))
+    ax.set_title("Criterion and computing time by window length")
+    timed = np.isfinite(comparison.seconds)
     if not timed.any():
-        ax.set_title("What a longer window gives")
+        ax.set_title("Criterion by window length")
         legend_below(ax)
         return
     cost = ax.twinx()
-    (right,) = cost.plot(
-        lengths.days[timed], 1e3 * lengths.seconds[timed], "s--", color=ORANGE, label="one estimate, median of many"
-    )
-    cost.set(ylabel="time of one estimate (ms)", ylim=(0, 1.08 * cost.dataLim.y1))
+    milliseconds = 1e3 * comparison.seconds[timed]
+    (right,) = cost.plot(comparison.days[timed], milliseconds, "s--", color=ORANGE, label="computing time, median")
+    cost.set(ylabel="computing time of an estimate (ms)", ylim=(0, 1.08 * cost.dataLim.y1))
     cost.grid(False)
     legend_below(ax, [left, right])
 
 
-def sensor_places(ax: Axes, found: SensorPlacement) -> None:
-    """The standard error to expect with one more sensor at each place, for each diffusivity; the best place marked."""
-    for a, alpha in enumerate(found.diffusivities):
-        label = rf"one more, $\alpha$ = {number(alpha, 2)} m²/s"
-        ax.plot(found.places, found.std[0, a], ms=3, label=label, **marked_line(a))
-        ax.axhline(found.std_before[a], color=colour(a), ls=":", lw=1.0, label="as it is" if a == 0 else None)
-    for k, place in enumerate(found.there):
-        ax.axvline(place, color=GREY, lw=0.8, ls="--", label="sensors there" if k == 0 else None)
-    for k, place in enumerate(found.chosen):
-        at = int(np.argmin(np.abs(found.places - place)))
-        ax.plot([place], [found.std[k, 0, at]], "o", ms=9, mfc="none", color=RED, label="best" if k == 0 else None)
-        ax.annotate(str(len(found.there) + k + 1), (place, found.std[k, 0, at]), (6, -8), textcoords="offset points")
+def sensor_placement(ax: Axes, placement: SensorPlacement) -> None:
+    """Expected standard error of the diffusivity with a further sensor at each candidate position.
+
+    Dotted lines are the standard errors without it. The selected positions are marked and numbered.
+    """
+    for a, alpha in enumerate(placement.diffusivities):
+        label = rf"with a further sensor, $\alpha$ = {format_number(alpha, 2)} m²/s"
+        ax.plot(placement.candidates, placement.std[0, a], ms=3, label=label, **curve_style(a))
+        ax.axhline(
+            placement.std_before[a], color=sensor_colour(a), ls=":", lw=1.0, label="without it" if a == 0 else None
+        )
+    for k, position in enumerate(placement.existing):
+        ax.axvline(position, color=GREY, lw=0.8, ls="--", label="existing sensors" if k == 0 else None)
+    for k, position in enumerate(placement.chosen):
+        std = placement.std[k, 0, int(np.argmin(np.abs(placement.candidates - position)))]
+        ax.plot([position], [std], "o", ms=9, mfc="none", color=RED, label="best position" if k == 0 else None)
+        ax.annotate(str(len(placement.existing) + k + 1), (position, std), (6, -8), textcoords="offset points")
     ax.set(
-        xlabel="place of a further sensor (m from the left face)",
+        xlabel="position of a further sensor (m from the left face)",
         ylabel="standard error of the diffusivity (%)",
         ylim=(0, None),
-        title="Where a further sensor helps",
+        title="Placement of a further sensor",
     )
     ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:g}"))
     legend_below(ax)
 
 
-def sampling(ax: Axes, found: SamplingComparison) -> None:
-    """The standard error to expect at each sampling step, and what straight lines between rows do."""
-    ax.loglog(found.steps, found.std, "o-", color=BLUE, label="standard error")
-    moved = np.abs(found.shift) > 1e-6
-    ax.loglog(found.steps[moved], np.abs(found.shift[moved]), "s--", color=ORANGE, label="shift by straight lines")
-    ax.axvline(found.own, color=GREY, lw=0.8, ls="--", label="the record's step")
-    ax.set(
-        xlabel="from row to row (s)",
-        ylabel="error of the diffusivity (%)",
-        title="What other sampling steps would give",
+def sampling_steps(ax: Axes, comparison: SamplingComparison) -> None:
+    """Expected standard error and interpolation bias of the diffusivity, against the sampling step.
+
+    The bias comes from linear interpolation of the boundary temperatures between rows.
+    """
+    ax.loglog(comparison.steps, comparison.std, "o-", color=BLUE, label="standard error")
+    biased = np.abs(comparison.interpolation_bias) > 1e-6
+    ax.loglog(
+        comparison.steps[biased],
+        np.abs(comparison.interpolation_bias[biased]),
+        "s--",
+        color=ORANGE,
+        label="bias by linear interpolation of the faces",
     )
-    ax.set_xticks(found.steps, [f"{step:g}" for step in found.steps])
+    ax.axvline(comparison.record_step, color=GREY, lw=0.8, ls="--", label="step of the record")
+    ax.set(xlabel="sampling step (s)", ylabel="error of the diffusivity (%)", title="Choice of the sampling step")
+    ax.set_xticks(comparison.steps, [f"{step:g}" for step in comparison.steps])
     ax.xaxis.set_minor_locator(NullLocator())
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.yaxis.set_minor_locator(NullLocator())

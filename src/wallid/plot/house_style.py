@@ -1,7 +1,7 @@
-"""The figures' house style: colours that every kind of colour vision tells apart, on white and on the dark page.
+"""The style of all figures: colours, lines and markers that remain distinct under colour vision deficiency.
 
-Each has a contrast of 3:1 or more with both grounds (WCAG 2.2, 1.4.11); a second sign, the line's or the marker's
-kind, goes with each sensor's colour.
+Each colour has a contrast of at least 3:1 with the white and with the dark page (WCAG 2.2, success criterion 1.4.11).
+Each sensor also has its own kind of line and marker.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ BLUE, ORANGE, GREEN, PURPLE, SKY, RED, GREY = (
     "#A626BF",
     "#4089FF",
     "#CC3D33",
-    "#5A5A5A",  # on the dark page a lighter one stands for it
+    "#5A5A5A",  # replaced by a lighter grey on the dark page
 )
 YELLOW = "#F0E442"
-"""Of bands only: as a line or a mark it would be too faint."""
-SENSORS = (BLUE, ORANGE, GREEN, PURPLE, SKY)  # the faces are grey and red
+"""For bands only: the contrast of a yellow line or marker would be too low."""
+SENSOR_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY)  # grey and red are the colours of the faces
 _LINES = ("-", "--", "-.", ":", (0, (6, 1.5, 1, 1.5, 1, 1.5)))
 _MARKERS = ("o", "^", "s", "v", "D")
-FACES = (GREY, RED)
-"""Of the left and the right face."""
-KEEP = "keep-colour"
-"""The gid of what keeps its colour on the dark page: text on a ground of its own."""
+FACE_COLOURS = (GREY, RED)
+"""Colours of the left and the right face."""
+KEEP_COLOUR = "keep-colour"
+"""The gid of artists that keep their colour on the dark page, such as text on a coloured background."""
 
-DAYS = "days since the record's start"
+DAYS_LABEL = "days since the start of the record"
 
 STYLE = {
     "font.size": 9,
@@ -49,62 +49,71 @@ STYLE = {
     "figure.constrained_layout.use": True,
     "savefig.dpi": 150,
 }
-"""As matplotlib takes it: `plt.style.use(wallid.plot.STYLE)` for a whole notebook."""
+"""matplotlib settings of the style; `plt.style.use(wallid.plot.STYLE)` sets them for a whole notebook."""
 
 
 def style() -> AbstractContextManager[Any]:
-    """The house style for a while: `with wallid.plot.style(): ...`."""
+    """A context in which matplotlib has the style of wallid's figures: `with wallid.plot.style(): ...`."""
     return mpl.rc_context(STYLE)  # pyright: ignore[reportArgumentType]
 
 
 def figure(rows: int = 1, columns: int = 1, *, width: float = 7.2, height: float = 2.6) -> tuple[Figure, Any]:
-    """An empty figure in the house style and its Axes, `height` inches a row."""
+    """An empty figure in the style of wallid, and its Axes.
+
+    Args:
+        rows, columns: number of panels.
+        width: of the figure, inches.
+        height: of each row of panels, inches.
+
+    Returns:
+        The figure, and its Axes as `Figure.subplots` gives them.
+    """
     with style():
-        made = Figure(figsize=(width, height * rows))
-        return made, made.subplots(rows, columns)
+        empty = Figure(figsize=(width, height * rows))
+        return empty, empty.subplots(rows, columns)
 
 
-def colour(sensor: int) -> str:
-    """The colour of a sensor's place."""
-    return SENSORS[sensor % len(SENSORS)]
+def sensor_colour(sensor: int) -> str:
+    """The colour of a sensor, by its index."""
+    return SENSOR_COLOURS[sensor % len(SENSOR_COLOURS)]
 
 
-def line(sensor: int) -> dict[str, Any]:
-    """A sensor's line, by colour and kind: 25 of them differ."""
-    return {"color": colour(sensor), "linestyle": _LINES[_kind(sensor)]}
+def line_style(sensor: int) -> dict[str, Any]:
+    """Colour and line style of a sensor, by its index; 25 combinations differ."""
+    return {"color": sensor_colour(sensor), "linestyle": _LINES[_style_index(sensor)]}
 
 
-def marks(sensor: int) -> dict[str, Any]:
-    """A sensor's marks, by colour and kind: 25 of them differ."""
-    return {"color": colour(sensor), "marker": _MARKERS[_kind(sensor)]}
+def marker_style(sensor: int) -> dict[str, Any]:
+    """Colour and marker of a sensor, by its index; 25 combinations differ."""
+    return {"color": sensor_colour(sensor), "marker": _MARKERS[_style_index(sensor)]}
 
 
-def marked_line(sensor: int) -> dict[str, Any]:
-    """A sensor's line with its marks."""
-    return line(sensor) | marks(sensor)
+def curve_style(sensor: int) -> dict[str, Any]:
+    """Colour, line style and marker of a sensor, by its index."""
+    return line_style(sensor) | marker_style(sensor)
 
 
-def _kind(sensor: int) -> int:
-    """Neighbours differ in it, and so do sensors of one colour."""
-    return (sensor + sensor // len(SENSORS)) % len(_LINES)
+def _style_index(sensor: int) -> int:
+    """Index of the line style and marker: different for neighbouring sensors and for sensors of the same colour."""
+    return (sensor + sensor // len(SENSOR_COLOURS)) % len(_LINES)
 
 
-def ink_on(ground: Any) -> str:
-    """Black or white, whichever stands out more from a colour (WCAG 2.2's contrast ratio)."""
-    return "black" if contrast(ground, "black") > contrast(ground, "white") else "white"
+def text_colour_on(background: Any) -> str:
+    """Black or white, whichever has the higher contrast ratio (WCAG 2.2) with a background colour."""
+    return "black" if contrast(background, "black") > contrast(background, "white") else "white"
 
 
 def contrast(one: Any, other: Any) -> float:
-    """The contrast of two colours, from 1 to 21.
+    """The contrast ratio of two colours, from 1 to 21: `(L_1 + 0.05) / (L_2 + 0.05)`, `L` relative luminance.
 
     Source: Web Content Accessibility Guidelines 2.2 (2023), "contrast ratio".
     """
-    dark, light = sorted(_luminance(tint) for tint in (one, other))
+    dark, light = sorted(_luminance(colour) for colour in (one, other))
     return (light + 0.05) / (dark + 0.05)
 
 
-def _luminance(tint: Any) -> float:
-    """The relative luminance of an sRGB colour, 0 to 1."""
-    rgb = np.array(to_rgb(tint))
+def _luminance(colour: Any) -> float:
+    """Relative luminance of an sRGB colour, 0 to 1."""
+    rgb = np.array(to_rgb(colour))
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     return float(linear @ [0.2126, 0.7152, 0.0722])

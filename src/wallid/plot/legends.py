@@ -1,4 +1,4 @@
-"""Legends that keep inside their figure: in as many columns as fit, long names shortened, with room made for them."""
+"""Legends inside the figure, in as many columns as its width allows, with long names shortened."""
 
 from __future__ import annotations
 
@@ -10,85 +10,90 @@ from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.transforms import ScaledTranslation
 
-_LONGEST = 18  # letters of a name
+_LONGEST_NAME = 18  # letters
 _MOST_COLUMNS = 8
-_MOST_SHARE = 0.45  # of the Axes' height: a higher legend stands under them
-_MANY = 10  # entries, from which letters are smaller
+_LARGEST_SHARE = 0.45  # of the height of the Axes; a higher legend is drawn below them
+_MANY = 10  # entries; a legend with more of them has smaller letters
 _TIGHT = {"columnspacing": 1.2, "handletextpad": 0.5}
-_APART = 0.05  # inches from an axis's label to the legend under it
+_LEGEND_DISTANCE = 0.05  # inches from the label of the abscissa to a legend below it
 
 
-def shortened(name: str, longest: int = _LONGEST) -> str:
-    """A name with an ellipsis in its middle where it is long: names in a row often differ at their ends."""
+def shortened(name: str, longest: int = _LONGEST_NAME) -> str:
+    """A name of at most `longest` letters, cut in its middle: similar names often differ at their ends."""
     if len(name) <= longest:
         return name
     end = (longest - 1) // 2
     return f"{name[: longest - 1 - end]}…{name[-end:]}"
 
 
-def make_room(ax: Axes) -> None:
-    """Have a figure that has no layout of its own make room for what stands outside its Axes."""
-    made = ax.get_figure(root=True)
-    if made is not None and made.get_layout_engine() is None:
-        made.set_layout_engine("constrained")
+def use_constrained_layout(ax: Axes) -> None:
+    """Give a figure without a layout engine the constrained layout, which keeps labels and legends inside it."""
+    figure = ax.get_figure(root=True)
+    if figure is not None and figure.get_layout_engine() is None:
+        figure.set_layout_engine("constrained")
 
 
 def legend_above(ax: Axes) -> None:
-    """A legend over the curves, the ordinate's range extended for it; one of very many rows stands under the Axes."""
-    make_room(ax)
+    """Draw a legend above the curves and extend the ordinate for it; a very high legend is drawn below the Axes."""
+    use_constrained_layout(ax)
     handles, labels = ax.get_legend_handles_labels()
     if not handles:
         return
     frame = ax.get_window_extent()
-    made = _in_columns(ax, handles, labels, frame.width, loc="upper left")
-    around = 2.0 * made.borderaxespad * made.prop.get_size_in_points() * _dots_per_inch(ax) / 72.0
-    share = (made.get_window_extent().height + around) / frame.height
-    if share > _MOST_SHARE:
+    legend = _in_columns(ax, handles, labels, frame.width, loc="upper left")
+    padding = 2.0 * legend.borderaxespad * legend.prop.get_size_in_points() * _dots_per_inch(ax) / 72.0
+    share = (legend.get_window_extent().height + padding) / frame.height
+    if share > _LARGEST_SHARE:
         legend_below(ax)
         return
-    along = ax.yaxis.get_transform()
-    low, high = along.transform(ax.get_ylim())
-    _, higher = along.inverted().transform([low, low + (high - low) / (1.0 - share)])
+    scale = ax.yaxis.get_transform()
+    low, high = scale.transform(ax.get_ylim())
+    _, higher = scale.inverted().transform([low, low + (high - low) / (1.0 - share)])
     ax.set_ylim(top=higher)
 
 
 def legend_below(ax: Axes, handles: Sequence[Any] | None = None) -> None:
-    """A legend under the Axes and their label.
+    """Draw a legend below the Axes and the label of the abscissa.
 
     Args:
-        handles: what it tells of; None for all that has a label.
+        handles: artists in the legend; None for all with a label.
     """
-    make_room(ax)
-    made = ax.get_figure(root=True)
-    drawn = list(ax.get_legend_handles_labels()[0] if handles is None else handles)
-    under = ax.xaxis.get_tightbbox()
-    if made is None or under is None or not drawn:
+    use_constrained_layout(ax)
+    figure = ax.get_figure(root=True)
+    entries = list(ax.get_legend_handles_labels()[0] if handles is None else handles)
+    axis_box = ax.xaxis.get_tightbbox()
+    if figure is None or axis_box is None or not entries:
         return
     frame = ax.get_window_extent()
-    down = ScaledTranslation(0.0, -(frame.y0 - under.y0) / made.dpi - _APART, made.dpi_scale_trans)
+    down = ScaledTranslation(0.0, -(frame.y0 - axis_box.y0) / figure.dpi - _LEGEND_DISTANCE, figure.dpi_scale_trans)
     where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": ax.transAxes + down}
-    labels = [str(handle.get_label()) for handle in drawn]
-    _in_columns(ax, drawn, labels, frame.width, borderaxespad=0.0, **where)
+    labels = [str(handle.get_label()) for handle in entries]
+    _in_columns(ax, entries, labels, frame.width, borderaxespad=0.0, **where)
 
 
-def shared_legend(made: Figure, ax: Axes) -> None:
-    """One legend under a figure for all of its panels, whose curves are those of one of them."""
+def shared_legend(figure: Figure, ax: Axes) -> None:
+    """Draw one legend below a figure for all of its panels.
+
+    Args:
+        figure: that holds the panels.
+        ax: the panel whose curves the legend names.
+    """
     handles, labels = ax.get_legend_handles_labels()
-    _in_columns(made, handles, labels, made.bbox.width, loc="outside lower center")
+    _in_columns(figure, handles, labels, figure.bbox.width, loc="outside lower center")
 
 
 def _in_columns(on: Axes | Figure, handles: Sequence[Any], labels: Sequence[str], width: float, **where: Any) -> Legend:
-    """The legend of the most columns that are no wider together, in small letters where it tells of many."""
-    words: dict[str, Any] = _TIGHT | where | ({"fontsize": "small"} if len(handles) > _MANY else {})
+    """The legend with the most columns that fit into a width in pixels, in small letters where it has many entries."""
+    options: dict[str, Any] = _TIGHT | where | ({"fontsize": "small"} if len(handles) > _MANY else {})
     columns = min(len(handles), _MOST_COLUMNS)
     while True:
-        made = on.legend(handles, labels, ncols=columns, **words)
-        if columns == 1 or made.get_window_extent().width <= width:
-            return made
-        made.remove()
+        legend = on.legend(handles, labels, ncols=columns, **options)
+        if columns == 1 or legend.get_window_extent().width <= width:
+            return legend
+        legend.remove()
         columns -= 1
 
 
 def _dots_per_inch(ax: Axes) -> float:
-    made = ax.get_figure(root=True)
-    return 72.0 if made is None else made.dpi
+    figure = ax.get_figure(root=True)
+    return 72.0 if figure is None else figure.dpi

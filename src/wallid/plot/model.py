@@ -1,4 +1,4 @@
-"""Figures of a model: its sensitivity, and what a reduced one errs by at each order."""
+"""Figures of a model: its sensitivity to the diffusivity, and the error of reduced-order models."""
 
 from __future__ import annotations
 
@@ -11,42 +11,56 @@ from matplotlib.ticker import MaxNLocator
 from ..case.case_definition import Case
 from ..models.flux_plates import conductance_of, fluxes_of
 from ..reduction.modal_identification import LearnedModel
-from .house_style import BLUE, DAYS, ORANGE, line
+from .house_style import BLUE, DAYS_LABEL, ORANGE, line_style
 from .legends import legend_above, shortened
-from .logged_record import thinned
+from .logged_record import downsampled
 
 
-def theta(ax: Axes, case: Case, days: np.ndarray, sensitivity: np.ndarray) -> None:
-    """The sensitivity dT/d ln(alpha) at each sensor."""
+def sensitivity(ax: Axes, case: Case, days: np.ndarray, values: np.ndarray) -> None:
+    """Sensitivity `dT/d(ln alpha)` at each sensor.
+
+    Args:
+        days: since the start of the record, `(time,)`.
+        values: sensitivity, K, `(time, sensor)`.
+    """
     for s, sensor in enumerate(case.sensors):
-        ax.plot(*thinned(days, sensitivity[:, s]), **line(s), lw=0.9, label=shortened(sensor.name))
-    ax.set(
-        xlabel=DAYS,
-        ylabel=r"$\partial T / \partial \ln \alpha$ (K)",
-        title="Sensitivity to the diffusivity",
-    )
+        ax.plot(*downsampled(days, values[:, s]), **line_style(s), lw=0.9, label=shortened(sensor.name))
+    ax.set(xlabel=DAYS_LABEL, ylabel=r"$\partial T / \partial \ln \alpha$ (K)", title="Sensitivity to the diffusivity")
     legend_above(ax)
 
 
-def flux_theta(ax: Axes, case: Case, days: np.ndarray, sensitivity: np.ndarray) -> None:
-    """The sensitivity dq/d ln(alpha) at each plate, W/m2, at the conductivity that a design takes."""
+def flux_sensitivity(ax: Axes, case: Case, days: np.ndarray, values: np.ndarray) -> None:
+    """Sensitivity `dq/d(ln alpha)` at each flux plate, for the conductivity that the design assumes.
+
+    Args:
+        days: since the start of the record, `(time,)`.
+        values: sensitivity divided by the conductance, K, `(time, plate)`.
+    """
     for p, face in enumerate(fluxes_of(case)):
-        ax.plot(*thinned(days, conductance_of(case) * sensitivity[:, p]), **line(p), lw=0.9, label=f"{face} plate")
+        ax.plot(*downsampled(days, conductance_of(case) * values[:, p]), **line_style(p), lw=0.9, label=f"{face} plate")
     ax.set(
-        xlabel=DAYS,
+        xlabel=DAYS_LABEL,
         ylabel=r"$\partial q / \partial \ln \alpha$ (W/m²)",
         title="Sensitivity of the fluxes to the diffusivity",
     )
     legend_above(ax)
 
 
-def orders(ax: Axes, learned: Sequence[LearnedModel]) -> None:
-    """Errors of the reduced model over its learning signals, against its order."""
-    order = [one.system.order for one in learned]
-    names = ((r"$u$", BLUE), (r"$\theta$", ORANGE))
-    for k, (name, tint) in enumerate(names):
-        ax.semilogy(order, [one.eps_inf[k] for one in learned], "o-", color=tint, label=rf"$\epsilon_\infty$ {name}")
-        ax.semilogy(order, [one.eps_2[k] for one in learned], "s--", color=tint, ms=4, label=rf"$\epsilon_2$ {name}")
-    ax.set(xlabel="order of the reduced model", ylabel="error (-)", title="Error against order")
+def error_by_order(ax: Axes, learned: Sequence[LearnedModel]) -> None:
+    """Errors of reduced-order models over the training signals, against their order.
+
+    Args:
+        learned: models of several orders.
+    """
+    order = [model.system.order for model in learned]
+    for k, (name, colour) in enumerate((("temperature", BLUE), ("sensitivity", ORANGE))):
+        largest, rms = [model.eps_inf[k] for model in learned], [model.eps_2[k] for model in learned]
+        ax.semilogy(order, largest, "o-", color=colour, label=f"{name}, largest")
+        ax.semilogy(order, rms, "s--", color=colour, ms=4, label=f"{name}, root mean square")
+    ax.set(
+        xlabel="order of the reduced-order model",
+        ylabel="dimensionless error (-)",
+        title="Error of the reduced-order model",
+    )
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     legend_above(ax)

@@ -1,7 +1,7 @@
-"""A logger's file, read step by step onto one uniform time grid; each step notes what it did."""
+"""Reading of a logger's file as a record on a uniform time grid; each step returns data and a log of its changes."""
 
-from .cleaning_log import Cleaning
-from .file_format import Format
+from .cleaning_log import CleaningLog
+from .file_format import FileFormat
 from .uniform_record import Record, read_record
 
-__all__ = ["Cleaning", "Format", "Record", "read_record"]
+__all__ = ["CleaningLog", "FileFormat", "Record", "read_record"]

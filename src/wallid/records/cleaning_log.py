@@ -1,47 +1,48 @@
-"""What was done to a record while it was read: how many values of which column, and where the first one stands."""
+"""The log of what was changed in a record while it was read: how many values, in which column, from which line on."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-_WORDS = {
+_DESCRIPTIONS = {
     "converted": "{count} values converted from {example}",
-    "marked": "{count} cells with a sign for a missing value ({example} in line {line})",
+    "marked": "{count} cells with a missing-value marker ({example} in line {line})",
     "text": "{count} cells of text masked ({example} in line {line})",
-    "infinite": "{count} values over range masked (line {line})",
+    "infinite": "{count} infinite values masked (line {line})",
     "impossible": "{count} impossible values masked ({example} in line {line})",
     "spike": "{count} spikes masked (from {example} in line {line})",
     "stuck": "{count} stuck readings masked ({example} from line {line})",
-    "repeated": "{count} rows given twice left out (line {line})",
-    "averaged": "{count} rows averaged with others of the same time (line {line})",
-    "dropped": "{count} rows without a time and a reading left out (line {line})",
-    "sorted": "{count} rows put in order (line {line})",
-    "snapped": "{count} rows moved by up to {example} onto the grid",
+    "repeated": "{count} duplicate rows removed (line {line})",
+    "averaged": "{count} rows averaged with other rows of the same time (line {line})",
+    "dropped": "{count} rows without a time and a reading removed (line {line})",
+    "sorted": "{count} rows sorted by time (line {line})",
+    "snapped": "{count} readings assigned to a row up to {example} away, without interpolation",
     "binned": "{count} readings averaged, several to a row",
-    "carried": "{count} readings carried by up to {example} onto their row",
-    "stranded": "{count} readings between rows masked: no neighbour near enough (line {line})",
+    "carried": "{count} readings interpolated to the time of their row, up to {example} away",
+    "stranded": "{count} readings between rows masked: the next reading is too far away (line {line})",
     "between": "{count} rows between the column's own readings interpolated",
     "filled": "{count} rows in {example} interpolated",
-    "trimmed": "{count} rows at the ends left out, where not both faces have a reading",
+    "trimmed": "{count} rows at the ends removed, where a face has no reading",
 }
-"""Kinds of `Noted`, and how a person is told."""
-_MANY = ("values", "cells", "spikes", "stuck readings", "rows", "readings")
+"""Kinds of `CleaningStep`, and their text."""
 
 
 @dataclass(frozen=True)
-class Noted:
-    """One thing that was done to a column.
+class CleaningStep:
+    """One change of a column's values.
 
     Args:
-        column: its name; empty for the whole record.
+        column: its name; empty for all columns.
         kind: a key such as "spike".
-        count: of values or rows.
-        line: of the first one in the file; None where that says nothing.
-        example: the first one as it stands there, or what else belongs to the kind.
+        count: number of values or rows.
+        line: line of the first one in the file; None where a line has no meaning.
+        example: the first value as in the file, or another detail of the kind.
+        masked_lines: lines of the values that were masked; None where no value was masked.
     """
 
     column: str
@@ -49,24 +50,34 @@ class Noted:
     count: int
     line: int | None = None
     example: str = ""
+    masked_lines: np.ndarray | None = field(default=None, repr=False, compare=False)
+
+    @classmethod
+    def masking(cls, column: str, kind: str, lines: np.ndarray, masked: np.ndarray, example: str = "") -> CleaningStep:
+        """A step that masks the values of a column in some rows.
+
+        Args:
+            lines: of all rows in the file, (time,).
+            masked: which rows, (time,).
+        """
+        return cls(column, kind, int(masked.sum()), int(lines[masked.argmax()]), example, lines[masked])
 
     def __str__(self) -> str:
-        words = _WORDS[self.kind].format(count=self.count, line=self.line, example=self.example)
-        if self.count == 1:
-            for many in _MANY:
-                words = words.replace(f"1 {many}", f"1 {many[:-1]}", 1)
-        return f"{self.column}: {words}" if self.column else words
+        text = _DESCRIPTIONS[self.kind].format(count=self.count, line=self.line, example=self.example)
+        text = re.sub(r"^(1 (?:\w+ )?(?:value|cell|spike|reading|row))s\b", r"\1", text)
+        return f"{self.column}: {text}" if self.column else text
 
 
 @dataclass(frozen=True)
-class Break:
-    """A stretch without a face: the record goes on in another part after it.
+class RecordBreak:
+    """A gap in a face that is too long for interpolation and splits the record.
 
     Args:
-        row, rows: the broken rows.
-        start, end: the readings at its ends, in the record's format.
-        hours: between them.
-        columns: the faces that have no reading.
+        row: first row of the gap.
+        rows: its number of rows.
+        start, end: times of the readings before and after it, in the record's format.
+        hours: between these readings.
+        columns: the faces without a reading.
     """
 
     row: int
@@ -81,84 +92,60 @@ class Break:
 
 
 @dataclass(frozen=True, eq=False)
-class Cleaning:
-    """What was done to a record while it was read.
+class CleaningLog:
+    """What was changed in a record while it was read.
 
     Args:
-        file: how the file is written, in words; empty where it is plain.
-        noted: what was done to which column.
-        breaks: where the record was split.
+        read_as: the file's format in words; empty for plain CSV.
+        steps: the changes of values and rows.
+        breaks: where the record is split.
         faces: the columns of the left and the right face.
-        masked: when each column's masked values were logged, s since the record's first row.
+        masked: for each column the times of its masked values, s since the record's first row, sorted.
     """
 
-    file: str = ""
-    noted: tuple[Noted, ...] = ()
-    breaks: tuple[Break, ...] = ()
+    read_as: str = ""
+    steps: tuple[CleaningStep, ...] = ()
+    breaks: tuple[RecordBreak, ...] = ()
     faces: tuple[str, str] = ("left", "right")
     masked: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False)
 
     def count(self, kind: str, column: str | None = None) -> int:
-        """How many values of a column (None: of all) something was done to."""
-        return sum(one.count for one in self.noted if one.kind == kind and column in (None, one.column))
+        """Number of values or rows changed by one kind of step, in a column (None: in all)."""
+        return sum(step.count for step in self.steps if step.kind == kind and column in (None, step.column))
 
     @property
-    def untouched(self) -> bool:
-        """Whether the record is as the file has it."""
-        return not self.noted and not self.breaks
+    def unchanged(self) -> bool:
+        """Whether the record holds exactly the file's values."""
+        return not self.steps and not self.breaks
 
     def lines(self) -> list[str]:
-        """One line for each thing that was done, the whole record's first."""
-        found = [f"read as {self.file}"] if self.file else []
-        found += [str(one) for one in sorted(self.noted, key=lambda one: one.column != "")]
+        """One line of text for each step, those of all columns first."""
+        lines = [f"read as {self.read_as}"] if self.read_as else []
+        lines += [str(step) for step in sorted(self.steps, key=lambda step: step.column != "")]
         if self.breaks:
-            found.append(f"split into {len(self.breaks) + 1} parts:")
-            found += [f"  {one}" for one in self.breaks]
-        return found
+            lines.append(f"split into {len(self.breaks) + 1} parts:")
+            lines += [f"  {record_break}" for record_break in self.breaks]
+        return lines
 
     def __str__(self) -> str:
         return "\n".join(self.lines()) or "nothing was changed"
 
-    def as_dict(self) -> dict[str, Any]:
-        """For result.json."""
+    def to_dict(self) -> dict[str, Any]:
+        """The entries of result.json."""
         return {
-            "read_as": self.file or None,
+            "read_as": self.read_as or None,
             "done": [
                 {
-                    "column": one.column or None,
-                    "kind": one.kind,
-                    "count": one.count,
-                    "line": one.line,
-                    "example": one.example or None,
+                    "column": step.column or None,
+                    "kind": step.kind,
+                    "count": step.count,
+                    "line": step.line,
+                    "example": step.example or None,
                 }
-                for one in self.noted
+                for step in self.steps
             ],
             "breaks": [
-                {"start": one.start, "end": one.end, "hours": one.hours, "columns": list(one.columns)}
-                for one in self.breaks
+                {"start": gap.start, "end": gap.end, "hours": gap.hours, "columns": list(gap.columns)}
+                for gap in self.breaks
             ],
         }
-
-
-class Notes:
-    """Collects what is done to a record while it is read.
-
-    Args:
-        seconds: of the rows that masks are given for, (time,).
-    """
-
-    def __init__(self, seconds: np.ndarray):
-        self.seconds = seconds
-        self.noted: list[Noted] = []
-        self.masked: dict[str, list[np.ndarray]] = {}
-
-    def note(self, noted: Noted, masked: np.ndarray | None = None) -> None:
-        """Remember one thing, and which rows lost their value by it."""
-        self.noted.append(noted)
-        if masked is not None:
-            self.masked.setdefault(noted.column, []).append(self.seconds[masked])
-
-    def cleaning(self, file: str, breaks: tuple[Break, ...], faces: tuple[str, str], origin: float) -> Cleaning:
-        """All of it; times count from `origin`."""
-        masked = {column: np.sort(np.concatenate(times)) - origin for column, times in self.masked.items()}
-        return Cleaning(file, tuple(self.noted), breaks, faces, masked)

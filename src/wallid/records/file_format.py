@@ -1,4 +1,4 @@
-"""How a file of records is written, and what may be made of it: the keys of a case's `[record]` beside the columns."""
+"""The format of a logger's file and how its readings are processed: keys of a case's `[record]` beside the columns."""
 
 from __future__ import annotations
 
@@ -7,40 +7,40 @@ from dataclasses import dataclass
 from typing import Literal, no_type_check
 
 from .._internal.errors import InputError
-from .._internal.validation import nearest, number, one_of, settle, show, text
+from .._internal.validation import format_value, number, one_of, set_fields, spelling_hint, text
 
 Unit = Literal["degC", "degF", "K"]
 UNITS = ("degC", "degF", "K")
 SEPARATORS = (",", ";", "\t", "|")
 
-_SHORTEST_GAP = 3.0  # h: what a gap in a face may last unless the case says otherwise,
-_GAP_STEPS = 3.0  # or so many steps, where rows are hours apart
+_DEFAULT_GAP_HOURS = 3.0  # the longest gap in a face that is interpolated, unless the case sets it,
+_DEFAULT_GAP_STEPS = 3.0  # or this number of steps where that is longer
 
 
 @no_type_check
 @dataclass(frozen=True)
-class Format:
-    """How a file of records is written, and what may be made of it. None: seen from the file.
+class FileFormat:
+    """The format of a logger's file, and how its readings are processed.
 
     Args:
-        separator: between the columns: "," ";" "|" or a tab.
-        decimal: "." or ",".
-        encoding: such as "utf-8", "cp1252" or "utf-16".
-        day_first: dates such as 03/04/2020 begin with the day (True) or the month (False); None refuses
-            dates that are not ISO 8601.
-        timezone: whose wall clock the times are, such as "Europe/Berlin", daylight saving included; None
-            takes a clock that never jumps.
-        missing: texts and numbers that stand for a missing value, beside the common ones.
-        unit: of every temperature column that does not state its own: "degC", "degF" or "K". None takes
-            degC, and refuses a column that the file says is in another.
-        step: of the grid that the readings are put on, s; None takes the faces' usual step.
-        longest_gap: h; a face is interpolated across less, and the record is split at more. An inner
-            reading between two rows is carried to one of them only between neighbours this close. None
-            means 3 h, or three steps where that is longer.
-        clean: mask spikes and stuck readings.
+        separator: between the columns: "," ";" "|" or a tab; None: detected.
+        decimal: "." or ","; None: detected.
+        encoding: such as "utf-8", "cp1252" or "utf-16"; None: detected.
+        day_first: whether dates such as 03/04/2020 begin with the day (True) or the month (False); None: dates must
+            be ISO 8601.
+        timezone: IANA time zone of local times with daylight saving, such as "Europe/Berlin"; None: the clock has no
+            daylight saving.
+        missing: texts and numbers that mark a missing value, in addition to the common ones.
+        unit: of the temperature columns without a unit of their own: "degC", "degF" or "K"; None: degC, and an error
+            where the file states another.
+        step: of the uniform grid, s; None: the typical step of the faces.
+        longest_gap: h. A shorter gap in a face is interpolated; a longer gap splits the record. An inner reading
+            between two rows is interpolated to one of them only if its neighbours are at most this far apart. None: 3
+            h, or three steps where that is longer.
+        clean: whether spikes and stuck readings are masked.
 
     Raises:
-        InputError: a value that is none of these.
+        InputError: a value is not allowed.
     """
 
     separator: str | None = None
@@ -64,31 +64,31 @@ class Format:
         for name in ("day_first", "clean"):
             value = getattr(self, name)
             if not isinstance(value, bool) and not (name == "day_first" and value is None):
-                raise InputError(f"{name} = {show(value)}; it must be true or false")
+                raise InputError(f"{name} = {format_value(value)}; it must be true or false")
         if self.encoding is not None:
             _check_encoding(self.encoding)
         if self.timezone is not None:
             _check_timezone(self.timezone)
-        settle(self, missing=_markers(self.missing))
+        set_fields(self, missing=_missing_markers(self.missing))
         if self.step is not None:
-            settle(self, step=number("step", self.step, "s", above=0.0))
+            set_fields(self, step=number("step", self.step, "s", above=0.0))
         if self.longest_gap is not None:
-            settle(self, longest_gap=number("longest_gap", self.longest_gap, "hours", least=0.0))
+            set_fields(self, longest_gap=number("longest_gap", self.longest_gap, "hours", minimum=0.0))
 
-    def gap_seconds(self, step: float) -> float:
-        """The longest stretch between two readings of a face that is interpolated, s."""
+    def longest_gap_seconds(self, step: float) -> float:
+        """The longest interval between two readings of a face that is interpolated, s; the grid has this step, s."""
         if self.longest_gap is not None:
             return 3600.0 * self.longest_gap
-        return max(3600.0 * _SHORTEST_GAP, _GAP_STEPS * step)
+        return max(3600.0 * _DEFAULT_GAP_HOURS, _DEFAULT_GAP_STEPS * step)
 
 
 def check_unit(name: str, unit: object) -> str:
-    """A unit of temperature."""
+    """A unit of temperature, or an InputError."""
     return one_of(name, unit, UNITS)
 
 
-def celsius(values, unit: str):
-    """Temperatures in degC from those in a unit."""
+def to_celsius(values, unit: str):
+    """Convert temperatures in degC, degF or K to degC."""
     if unit == "degF":
         return (values - 32.0) / 1.8
     return values - 273.15 if unit == "K" else values
@@ -103,7 +103,7 @@ def _check_encoding(name: object) -> None:
         "".encode(str(name))
     except (LookupError, ValueError):
         raise InputError(
-            f'encoding = {show(name)}; it must be an encoding such as "utf-8", "cp1252" or "utf-16"'
+            f'encoding = {format_value(name)}; it must be an encoding such as "utf-8", "cp1252" or "utf-16"'
         ) from None
 
 
@@ -113,18 +113,21 @@ def _check_timezone(name: object) -> None:
     text("timezone", name)
     try:
         ZoneInfo(str(name))
-    except (KeyError, ValueError, OSError):  # unknown; not a name; a folder of names
-        hint = nearest(str(name), available_timezones())
+    except (KeyError, ValueError, OSError):  # unknown, invalid, or a folder of zones
+        hint = spelling_hint(str(name), available_timezones())
         raise InputError(
-            f'timezone = {show(name)}; it must be a name of the IANA time zones, such as "Europe/Berlin"{hint}'
+            f'timezone = {format_value(name)}; it must be the name of an IANA time zone, such as "Europe/Berlin"{hint}'
         ) from None
 
 
-def _markers(value: object) -> tuple[str | float, ...]:
+def _missing_markers(value: object) -> tuple[str | float, ...]:
     if isinstance(value, (str, bytes, dict)) or not isinstance(value, Iterable):
-        raise InputError(f'missing = {show(value)}; it must be a list of texts and numbers, such as ["Err", -999]')
-    found: list[str | float] = []
-    for count, one in enumerate(value, start=1):
-        name = f"value {count} of missing"
-        found.append(text(name, one).strip() if isinstance(one, str) else number(name, one))
-    return tuple(found)
+        raise InputError(
+            f'missing = {format_value(value)}; it must be a list of texts and numbers, such as ["Err", -999]'
+        )
+    return tuple(
+        text(f"value {k} of missing", marker).strip()
+        if isinstance(marker, str)
+        else number(f"value {k} of missing", marker)
+        for k, marker in enumerate(value, start=1)
+    )

@@ -1,4 +1,4 @@
-"""Where rows stand in a file, so that every refusal can name it."""
+"""The position of rows in a file, for error messages."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from .._internal.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
-    """Where rows stand in a file.
+class FilePosition:
+    """The position of rows in a file.
 
     Args:
         file: its path.
-        lines: of each row; the header is line 1 where nothing stands above it, (time,).
+        lines: line number of each row, counted from 1 at the start of the file, (time,).
     """
 
     file: str
     lines: np.ndarray
 
-    def refuse(self, column: str, row: int, message: str) -> NoReturn:
-        """Raise an InputError that names file, line and column."""
+    def raise_at_cell(self, column: str, row: int, message: str) -> NoReturn:
+        """Raise an InputError that gives file, line and column."""
         raise InputError(f'{self.file}: line {self.lines[row]}, column "{column}": {message}')
 
-    def refuse_column(self, column: str, message: str) -> NoReturn:
-        """Raise an InputError that names file and column."""
+    def raise_for_column(self, column: str, message: str) -> NoReturn:
+        """Raise an InputError that gives file and column."""
         raise InputError(f'{self.file}: column "{column}": {message}')

@@ -1,4 +1,4 @@
-"""Gaps in a face: short ones interpolated with their uncertainty, long ones where the record breaks."""
+"""Gaps in face temperatures: short gaps are interpolated with a standard error, long gaps break the record."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .uniform_grid import USUAL, Grid, Readings
+from .uniform_grid import GAP_FACTOR, ColumnReadings, UniformGrid
 
-_FEWEST_TRIALS = 20
-_MOST_TRIALS = 2000
-_EDGE = 1e-6  # of a step: round-off in times
+_MIN_TRIALS = 20
+_MAX_TRIALS = 2000
+_ROUND_OFF = 1e-6  # of a step, in times
 
 
 @dataclass(frozen=True, eq=False)
-class Face:
-    """A face on the grid.
+class FilledFace:
+    """A face temperature in every row of the grid.
 
     Args:
-        values: degC in every row: read, interpolated, or in a broken row a placeholder, (row,).
-        between: rows between readings at the face's own usual step, which is longer than the grid's, (row,).
-        filled: rows in a gap that is short enough, (row,).
+        values: degC: read, interpolated, or in a broken row a placeholder, (row,).
+        between: rows between two readings at the face's own typical step, which is longer than the grid's, (row,).
+        filled: rows in a gap that is short enough for interpolation, (row,).
         broken: rows in a longer gap, (row,).
-        std: of the interpolation's error, K; 0 in rows that are read and infinite in broken ones, (row,).
-        longest: the longest gap that was filled, s.
+        std: standard error of the interpolation, K; 0 in rows with a reading and infinite in broken rows, (row,).
+        longest_gap: the longest gap that was filled, s.
     """
 
     values: np.ndarray
@@ -31,68 +31,71 @@ class Face:
     filled: np.ndarray
     broken: np.ndarray
     std: np.ndarray
-    longest: float
+    longest_gap: float
 
 
-def fill_face(grid: Grid, readings: Readings, longest_gap: float) -> Face:
-    """A face's values in every row, between the first and the last reading.
+def interpolate_face(grid: UniformGrid, readings: ColumnReadings, longest_gap: float) -> FilledFace:
+    """Interpolate a face linearly in every row between its first and last reading.
 
     Args:
-        longest_gap: that is interpolated, s.
+        grid: rows.
+        readings: of the face.
+        longest_gap: the longest gap that is filled, s.
     """
-    at = grid.seconds
-    there, apart = readings.around(at)
-    edge = _EDGE * grid.step
-    # a row hardly off the file's own is one of the face's readings
-    usual = readings.usual(grid.step)
-    gap = ~there & (apart > USUAL * usual)
-    broken = gap & (apart > longest_gap + edge)
+    at_reading, spacing = readings.spacing_around(grid.seconds)
+    # a row that is close to a row of the file has a reading, although it may not be exactly at its time
+    typical_step = readings.typical_step(grid.step)
+    gap = ~at_reading & (spacing > GAP_FACTOR * typical_step)
+    broken = gap & (spacing > longest_gap + _ROUND_OFF * grid.step)
     filled = gap & ~broken
-    has_reading = np.zeros(len(at), bool)
-    rows = readings.rows[(readings.rows >= 0) & (readings.rows < len(at))]
-    has_reading[rows] = True
-    between = ~there & ~gap & ~has_reading & (usual > USUAL * grid.step)
-    std = np.zeros(len(at))
-    std[broken] = np.inf
+    has_reading = np.zeros(len(grid.seconds), bool)
+    has_reading[readings.rows[(readings.rows >= 0) & (readings.rows < len(grid.seconds))]] = True
+    between = ~at_reading & ~gap & ~has_reading & (typical_step > GAP_FACTOR * grid.step)
+    std = np.where(broken, np.inf, 0.0)
     if filled.any() or between.any():
-        std += _fill_std(grid, readings, filled, between, usual)
-    longest = float(apart[filled].max(initial=0.0))
-    return Face(readings.at(at), between, filled, broken, std, longest)
+        std += _interpolation_std(grid, readings, filled | between, typical_step)
+    longest_filled = float(spacing[filled].max(initial=0.0))
+    return FilledFace(readings.interpolate(grid.seconds), between, filled, broken, std, longest_filled)
 
 
-def _fill_std(grid: Grid, readings: Readings, filled: np.ndarray, between: np.ndarray, usual: float) -> np.ndarray:
-    """The interpolation's standard error in each row, by gaps made as trials elsewhere in this record, K."""
+def _interpolation_std(
+    grid: UniformGrid, readings: ColumnReadings, interpolated: np.ndarray, typical_step: float
+) -> np.ndarray:
+    """The standard error of linear interpolation in each row, from artificial gaps elsewhere in this record, K."""
     std = np.zeros(len(grid.seconds))
     k = np.clip(np.searchsorted(readings.seconds, grid.seconds), 1, len(readings.seconds) - 1)
     start, end = readings.seconds[k - 1], readings.seconds[k]
-    apart = np.where(filled | between, end - start, 0.0)
-    lengths = np.unique(np.round(apart[apart > 0] / usual).astype(int))
-    for steps in lengths:
-        rows = (np.round(apart / usual).astype(int) == steps) & (apart > 0)
-        share = (grid.seconds[rows] - start[rows]) / (end[rows] - start[rows])
-        if steps < 2:  # no finer readings to try it on: a second difference falls to a quarter at half the spacing
-            std[rows] = np.interp(share, (0.0, 0.5, 1.0), (0.0, 0.25, 0.0)) * _trial(readings, 2, usual)[1]
-            continue
-        nodes = np.linspace(0.0, 1.0, steps + 1)
-        std[rows] = np.interp(share, nodes, _trial(readings, int(steps), usual))
+    spacing = np.where(interpolated, end - start, 0.0)
+    gap_steps = np.round(spacing / typical_step).astype(int)
+    for steps in np.unique(gap_steps[spacing > 0]):
+        rows = (gap_steps == steps) & (spacing > 0)
+        fraction = (grid.seconds[rows] - start[rows]) / (end[rows] - start[rows])
+        if steps < 2:
+            # no finer readings for a trial: the error at mid-interval is a quarter of that over two steps
+            error = _trial_error(readings, 2, typical_step)[1]
+            std[rows] = np.interp(fraction, (0.0, 0.5, 1.0), (0.0, 0.25, 0.0)) * error
+        else:
+            points = np.linspace(0.0, 1.0, steps + 1)
+            std[rows] = np.interp(fraction, points, _trial_error(readings, int(steps), typical_step))
     return std
 
 
-def _trial(readings: Readings, steps: int, usual: float) -> np.ndarray:
-    """Root mean square error of a straight line over so many steps, at each of its readings, K, (steps + 1,).
+def _trial_error(readings: ColumnReadings, steps: int, typical_step: float) -> np.ndarray:
+    """Root mean square error of linear interpolation over `steps` steps, at each reading, K, (steps + 1,).
 
-    The hidden readings' own noise is in it. Where the record has too few whole stretches, the walk that its
-    changes from reading to reading would make: `s^2 j (n - j) / n`.
+    The noise of the hidden readings is included. Where the record has too few intervals without a gap, the error is
+    that of a random walk with the record's changes from reading to reading: `s^2 j (n - j) / n`.
     """
     seconds, values = readings.seconds, readings.values
     j = np.arange(steps + 1)
     starts = np.arange(len(values) - steps)
-    whole = np.abs(seconds[starts + steps] - seconds[starts] - steps * usual) <= 0.5 * usual if len(starts) else starts
-    starts = starts[whole]
-    if len(starts) < _FEWEST_TRIALS:
+    if len(starts):
+        duration = seconds[starts + steps] - seconds[starts]
+        starts = starts[np.abs(duration - steps * typical_step) <= 0.5 * typical_step]
+    if len(starts) < _MIN_TRIALS:
         change = float(np.sqrt(np.mean(np.diff(values) ** 2))) if len(values) > 1 else 0.0
         return change * np.sqrt(j * (steps - j) / steps)
-    starts = starts[:: max(1, len(starts) // _MOST_TRIALS)]
-    stretch = values[starts[:, None] + j]
-    line = stretch[:, :1] + (stretch[:, -1:] - stretch[:, :1]) * j / steps
-    return np.sqrt(np.mean((stretch - line) ** 2, axis=0))
+    starts = starts[:: max(1, len(starts) // _MAX_TRIALS)]
+    trial = values[starts[:, None] + j]
+    line = trial[:, :1] + (trial[:, -1:] - trial[:, :1]) * j / steps
+    return np.sqrt(np.mean((trial - line) ** 2, axis=0))

@@ -1,274 +1,272 @@
-"""From a logger's file to a record's rows: reading, order, screening, the grid, gaps; all of it noted."""
+"""The steps from a logger's file to the arrays of a record: reading, sorting, screening, resampling, gap filling."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._internal.errors import InputError
-from .cell_values import readings, temperatures
-from .cleaning_log import Break, Cleaning, Noted, Notes
-from .file_format import Format
-from .file_position import Place
-from .gap_filling import Face, fill_face
-from .outlier_screening import spikes, stuck
-from .row_order import in_order
-from .stamp import Stamps, show_stamp
-from .table_columns import FEWEST_ROWS, Table, read_table
-from .uniform_grid import USUAL, Grid, Readings, make_grid, on_grid
+from .cell_values import read_numbers, read_temperatures
+from .cleaning_log import CleaningLog, CleaningStep, RecordBreak
+from .file_format import FileFormat
+from .gap_filling import FilledFace, interpolate_face
+from .outlier_screening import find_spikes, find_stuck_readings
+from .row_order import SortedRows, sort_rows
+from .row_times import format_time
+from .table_columns import MIN_ROWS, TimedTable, read_timed_table
+from .uniform_grid import GAP_FACTOR, ColumnReadings, UniformGrid, assign_to_rows, choose_grid
 
-AIR = ("air_outdoor", "air_indoor")
-_PLAIN = (",", ".", "utf-8", 1, 0)
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
-
-@dataclass(frozen=True, eq=False)
-class Parts:
-    """What a record is made of; see `Record`."""
-
-    time: np.ndarray
-    stamps: np.ndarray
-    zone: str | None
-    faces: np.ndarray
-    sensors: np.ndarray
-    regressors: dict[str, np.ndarray]
-    fill_std: np.ndarray | None
-    cleaning: Cleaning
+_AIR = ("air_outdoor", "air_indoor")
+_PLAIN_CSV = (",", ".", "utf-8", 1, 0)
+_SEPARATOR_NAMES = {"\t": "tab", ";": "semicolon", ",": "comma", "|": "bar"}
+_DECIMAL_NAMES = {".": "point", ",": "comma"}
 
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Rows in order, each time once."""
-
-    place: Place
-    column: str
-    stamps: Stamps
-    values: dict[str, np.ndarray]
-
-
-def read_parts(
-    path: str | os.PathLike[str],
+def read_record_arrays(
+    path: str | os.PathLike[str] | DataFrame,
     time: str,
     faces: tuple[str, str],
     sensors: Sequence[str],
     regressors: Mapping[str, str],
-    form: Format,
+    file_format: FileFormat,
     units: Mapping[str, str],
-) -> Parts:
-    """A record's rows from a file.
+) -> dict[str, Any]:
+    """Read a record's arrays from a file or DataFrame.
 
     Args:
+        path: of the file, or a DataFrame.
+        time: the column of times.
         faces, sensors: columns of temperatures.
         regressors: a column for each key.
-        units: of columns that are not in the format's.
+        file_format: of the file.
+        units: of columns whose unit differs from the format's.
+
+    Returns:
+        The fields of `Record` that the file determines.
 
     Raises:
-        InputError: what is wrong with the file, with its line and column.
+        InputError: the file is invalid; the message gives line and column.
     """
-    inner = (*faces, *sensors)
-    table = read_table(path, time, [*inner, *regressors.values()], form)
-    notes = Notes(table.stamps.seconds)
-    if table.dropped:
-        notes.note(Noted("", "dropped", len(table.dropped), table.dropped[0]))
-    air = [regressors[key] for key in AIR if key in regressors]
-    values = _values(table, (*inner, *air), regressors.values(), form, units, notes)
-    place, stamps, values = in_order(table.place, time, table.stamps, values, notes)
-    rows = _Rows(place, time, stamps, values)
-    notes.seconds = stamps.seconds
-    if form.clean:
-        for name in inner:
-            _screen(rows, name, notes)
-    for name in inner:
-        _check_enough(rows, name, notes, face=name in faces)
-    grid = make_grid(place, time, stamps, [values[name] for name in faces], form)
-    return _onto(grid, rows, faces, sensors, regressors, form, notes, _written(table, form))
+    temperatures = (*faces, *sensors)
+    table = read_timed_table(path, time, [*temperatures, *regressors.values()], file_format)
+    steps = [CleaningStep("", "dropped", len(table.dropped), table.dropped[0])] if table.dropped else []
+    air = [regressors[key] for key in _AIR if key in regressors]
+    values, reading_steps = _read_values(table, (*temperatures, *air), [*regressors.values()], file_format, units)
+    rows, sorting_steps = sort_rows(table.location, time, table.times, values)
+    steps += reading_steps + sorting_steps
+    if file_format.clean:
+        for name in temperatures:
+            rows.values[name], screening_steps = _screen(rows, name)
+            steps += screening_steps
+    for name in temperatures:
+        _check_enough_readings(rows, name, steps, is_face=name in faces)
+    grid = choose_grid(rows.location, time, rows.times, [rows.values[name] for name in faces], file_format)
+    return _resample(grid, rows, table, faces, sensors, regressors, file_format, steps)
 
 
-def _values(
-    table: Table, degrees: Sequence[str], others, form: Format, units: Mapping[str, str], notes: Notes
-) -> dict[str, np.ndarray]:
-    """Every column as numbers, temperatures in degC."""
-    place, decimal, found = table.place, table.sheet.decimal, {}
-    for name in dict.fromkeys(degrees):
-        found[name] = temperatures(
-            place,
-            name,
-            table.cells[name],
-            form,
-            decimal,
-            notes,
-            unit=units.get(name, form.unit),
-            written=table.sheet.units[name],
+def _read_values(
+    table: TimedTable, temperatures: Sequence[str], others: Sequence[str], file_format: FileFormat, units: Mapping
+) -> tuple[dict[str, np.ndarray], list[CleaningStep]]:
+    """All columns as numbers, temperatures in degC."""
+    values, steps = {}, []
+    for name in dict.fromkeys((*temperatures, *others)):
+        column, unit = table.column(name), units.get(name, file_format.unit)
+        is_temperature = name in temperatures
+        read = (
+            read_temperatures(column, file_format, unit=unit) if is_temperature else read_numbers(column, file_format)
         )
-    for name in others:
-        if name not in found:
-            found[name] = readings(place, name, table.cells[name], form, decimal, notes)
-    return found
+        values[name], column_steps = read
+        steps += column_steps
+    return values, steps
 
 
-def _written(table: Table, form: Format) -> str:
-    """How a file that is not plain CSV is written, in words."""
-    sheet, words = table.sheet, []
-    if (sheet.separator, sheet.decimal, sheet.encoding, sheet.header_line, sheet.unit_rows) != _PLAIN:
-        name = {"\t": "tab", ";": "semicolon", ",": "comma", "|": "bar"}[sheet.separator]
-        words.append(f"{sheet.encoding.upper()}, columns separated by {name}, decimal {_MARKS[sheet.decimal]}")
-        if sheet.header_line > 1:
-            words.append(f"header in line {sheet.header_line}")
-        if sheet.unit_rows:
-            words.append(f"{sheet.unit_rows} line(s) of units under it")
-    if form.timezone is not None:
-        words.append(f"times by the clock of {form.timezone}")
-    return "; ".join(words)
+def _format_in_words(table: TimedTable, file_format: FileFormat) -> str:
+    """The format of a file in words; empty for plain CSV."""
+    raw, parts = table.raw, []
+    if (raw.separator, raw.decimal, raw.encoding, raw.header_line, raw.unit_rows) != _PLAIN_CSV:
+        separator, decimal = _SEPARATOR_NAMES[raw.separator], _DECIMAL_NAMES[raw.decimal]
+        parts.append(f"{raw.encoding.upper()}, columns separated by {separator}, decimal {decimal}")
+        if raw.header_line > 1:
+            parts.append(f"header in line {raw.header_line}")
+        if raw.unit_rows:
+            parts.append(f"{raw.unit_rows} line(s) of units below it")
+    if file_format.timezone is not None:
+        parts.append(f"times in the time zone {file_format.timezone}")
+    return "; ".join(parts)
 
 
-_MARKS = {".": "point", ",": "comma"}
+def _screen(rows: SortedRows, name: str) -> tuple[np.ndarray, list[CleaningStep]]:
+    """A column with spikes and stuck readings masked."""
+    values, steps = rows.values[name], []
+    for kind, find_outliers in (("spike", find_spikes), ("stuck", lambda seconds, values: find_stuck_readings(values))):
+        present = np.flatnonzero(np.isfinite(values))
+        masked = np.zeros(len(values), bool)
+        masked[present[find_outliers(rows.times.seconds[present], values[present])]] = True
+        if masked.any():
+            example = f"{values[masked.argmax()]:.6g}"
+            steps.append(CleaningStep.masking(name, kind, rows.location.lines, masked, example))
+            values = np.where(masked, np.nan, values)
+    return values, steps
 
 
-def _screen(rows: _Rows, name: str, notes: Notes) -> None:
-    """Mask a column's spikes and stuck readings."""
-    values = rows.values[name]
-    for kind, look in (("spike", lambda t, v: spikes(t, v)), ("stuck", lambda t, v: stuck(v))):
-        there = np.flatnonzero(np.isfinite(values))
-        which = np.zeros(len(values), bool)
-        which[there[look(rows.stamps.seconds[there], values[there])]] = True
-        if which.any():
-            row = int(which.argmax())
-            noted = Noted(name, kind, int(which.sum()), int(rows.place.lines[row]), f"{values[row]:.6g}")
-            notes.note(noted, which)
-            values = np.where(which, np.nan, values)
-    rows.values[name] = values
-
-
-def _check_enough(rows: _Rows, name: str, notes: Notes, *, face: bool) -> None:
-    """Refuse a column of which next to nothing is left."""
-    left = int(np.isfinite(rows.values[name]).sum())
-    if left < (FEWEST_ROWS if face else 1):
-        done = ", ".join(str(one) for one in notes.noted if one.column == name)
-        rows.place.refuse_column(
+def _check_enough_readings(rows: SortedRows, name: str, steps: Sequence[CleaningStep], *, is_face: bool) -> None:
+    """Raise an error where too few readings of a column remain."""
+    count = int(np.isfinite(rows.values[name]).sum())
+    if count < (MIN_ROWS if is_face else 1):
+        changes = ", ".join(str(step) for step in steps if step.column == name)
+        rows.location.raise_for_column(
             name,
-            f"{left} readings are left{f' ({done})' if done else ''}; "
-            + (f"a face needs at least {FEWEST_ROWS}" if face else "leave this sensor out of the case"),
+            f"{count} readings remain{f' ({changes})' if changes else ''}; "
+            + (f"a face needs at least {MIN_ROWS}" if is_face else "remove this sensor from the case"),
         )
 
 
-def _onto(
-    grid: Grid,
-    rows: _Rows,
+def _resample(
+    grid: UniformGrid,
+    rows: SortedRows,
+    table: TimedTable,
     faces: tuple[str, str],
     sensors: Sequence[str],
     regressors: Mapping[str, str],
-    form: Format,
-    notes: Notes,
-    written: str,
-) -> Parts:
-    """Every column on the grid, cut to where both faces have readings."""
-    seconds, bound = rows.stamps.seconds, form.gap_seconds(grid.step)
-    gathered = {name: on_grid(grid, seconds, values) for name, values in rows.values.items()}
-    found = [fill_face(grid, gathered[name], bound) for name in faces]
-    keep = _both(grid, [gathered[name] for name in faces], found)
-    if keep.stop - keep.start < FEWEST_ROWS:
+    file_format: FileFormat,
+    steps: list[CleaningStep],
+) -> dict[str, Any]:
+    """All columns on the grid, from the first to the last row with both faces."""
+    longest_gap = file_format.longest_gap_seconds(grid.step)
+    readings = {name: assign_to_rows(grid, rows.times.seconds, values) for name, values in rows.values.items()}
+    filled = [interpolate_face(grid, readings[name], longest_gap) for name in faces]
+    part = _rows_with_both_faces(grid, [readings[name] for name in faces], filled)
+    count = part.stop - part.start
+    if count < MIN_ROWS:
         raise InputError(
-            f"{rows.place.file}: {keep.stop - keep.start} rows of {grid.step:g} s have both faces; at least "
-            f"{FEWEST_ROWS} are needed"
+            f"{rows.location.file}: {count} rows of {grid.step:g} s have both faces; at least {MIN_ROWS} are needed"
         )
+    steps = list(steps)
     if not grid.as_read:
         for name in (*faces, *sensors):
-            _note_moves(name, gathered[name], notes)
-    near = max(bound, USUAL * grid.step)
-    inner = [_on_rows(grid, name, gathered[name], near, notes, rows) for name in sensors]
-    if (cut := len(grid.seconds) - (keep.stop - keep.start)) > 0:
-        notes.note(Noted("", "trimmed", cut))
-    for name, face in zip(faces, found, strict=True):
-        _note_fills(name, face, keep, grid.step, notes)
-    std = np.stack([face.std[keep] for face in found], axis=1)
-    breaks = _breaks(grid, faces, found, keep, rows)
-    at = grid.seconds[keep]
-    return Parts(
-        time=at - at[0] if grid.as_read else grid.step * np.arange(len(at)),
-        stamps=grid.stamps[keep],
-        zone=rows.stamps.zone,
-        faces=np.stack([face.values[keep] for face in found], axis=1),
-        sensors=np.stack([one[keep] for one in inner], axis=1) if inner else np.empty((len(at), 0)),
-        regressors={key: _regressor(grid, gathered[name], bound)[keep] for key, name in regressors.items()},
+            steps += _assignment_steps(name, readings[name])
+    inner = np.empty((len(grid.seconds), len(sensors)))
+    for k, name in enumerate(sensors):
+        inner[:, k], sensor_steps = _sensor_on_grid(grid, rows, name, readings[name], longest_gap)
+        steps += sensor_steps
+    if count < len(grid.seconds):
+        steps.append(CleaningStep("", "trimmed", len(grid.seconds) - count))
+    for name, face in zip(faces, filled, strict=True):
+        steps += _filling_steps(name, face, part)
+    std = np.stack([face.std[part] for face in filled], axis=1)
+    seconds = grid.seconds[part]
+    return dict(
+        time=seconds - seconds[0] if grid.as_read else grid.step * np.arange(count),
+        stamps=grid.stamps[part],
+        zone=rows.times.zone,
+        faces=np.stack([face.values[part] for face in filled], axis=1),
+        sensors=inner[part],
+        regressors={
+            key: _regressor_on_grid(grid, readings[name], longest_gap)[part] for key, name in regressors.items()
+        },
         fill_std=std if std.any() else None,
-        cleaning=notes.cleaning(written, breaks, faces, float(at[0])),
+        cleaning=CleaningLog(
+            _format_in_words(table, file_format),
+            tuple(steps),
+            _breaks(grid, faces, filled, part, rows.times.zone),
+            faces,
+            _masked_times(table, steps, float(seconds[0])),
+        ),
     )
 
 
-def _both(grid: Grid, readings: Sequence[Readings], faces: Sequence[Face]) -> slice:
-    """From the first row in which both faces are known to the last."""
-    begin = max(one.seconds[0] for one in readings)
-    end = min(one.seconds[-1] for one in readings)
+def _masked_times(table: TimedTable, steps: Sequence[CleaningStep], origin: float) -> dict[str, np.ndarray]:
+    """For each column the times of its masked values, s since `origin`, sorted."""
+    lines: dict[str, list[np.ndarray]] = {}
+    for step in steps:
+        if step.masked_lines is not None:
+            lines.setdefault(step.column, []).append(step.masked_lines)
+    return {
+        column: np.sort(table.times.seconds[np.searchsorted(table.location.lines, np.concatenate(masked))]) - origin
+        for column, masked in lines.items()
+    }
+
+
+def _rows_with_both_faces(grid: UniformGrid, readings: Sequence[ColumnReadings], faces: Sequence[FilledFace]) -> slice:
+    """The rows from the first to the last in which both faces are known."""
+    begin = max(face.seconds[0] for face in readings)
+    end = min(face.seconds[-1] for face in readings)
     known = (grid.seconds >= begin) & (grid.seconds <= end) & ~faces[0].broken & ~faces[1].broken
     rows = np.flatnonzero(known)
     return slice(int(rows[0]), int(rows[-1]) + 1) if len(rows) else slice(0, 0)
 
 
-def _on_rows(grid: Grid, name: str, found: Readings, bound: float, notes: Notes, rows: _Rows) -> np.ndarray:
-    """An inner sensor's readings, each carried to its nearest row along the line to its neighbour; else NaN."""
-    values = np.full(len(grid.seconds), np.nan)
-    inside = (found.rows >= 0) & (found.rows < len(grid.seconds))
+def _sensor_on_grid(
+    grid: UniformGrid, rows: SortedRows, name: str, readings: ColumnReadings, longest_gap: float
+) -> tuple[np.ndarray, list[CleaningStep]]:
+    """An inner sensor's values: each reading is interpolated to the time of its row, all other rows are NaN."""
+    values, steps = np.full(len(grid.seconds), np.nan), []
     if grid.as_read:
-        values[found.rows] = found.values
-        return values
-    at = grid.seconds[found.rows[inside]]
-    there, apart = found.around(at)
-    near = there | (apart <= bound * (1 + 1e-9))
-    moved = near & ~there
-    values[found.rows[inside][near]] = found.at(at[near])
+        values[readings.rows] = readings.values
+        return values, steps
+    inside = (readings.rows >= 0) & (readings.rows < len(grid.seconds))
+    row_seconds = grid.seconds[readings.rows[inside]]
+    at_reading, spacing = readings.spacing_around(row_seconds)
+    near = at_reading | (spacing <= max(longest_gap, GAP_FACTOR * grid.step) * (1 + 1e-9))
+    values[readings.rows[inside][near]] = readings.interpolate(row_seconds[near])
+    moved = near & ~at_reading
     if moved.any():
-        farthest = float(np.abs(found.seconds[inside] - at)[moved].max())
-        notes.note(Noted(name, "carried", int(moved.sum()), None, f"{farthest:.4g} s"))
-    if (lost := ~near).any():
-        when = found.seconds[inside][lost]
-        nearest = np.clip(np.searchsorted(notes.seconds, when), 0, len(notes.seconds) - 1)
-        which = np.zeros(len(notes.seconds), bool)
-        which[nearest] = True
-        notes.note(Noted(name, "stranded", int(lost.sum()), int(rows.place.lines[nearest[0]])), which)
-    return values
+        farthest = float(np.abs(readings.seconds[inside] - row_seconds)[moved].max())
+        steps.append(CleaningStep(name, "carried", int(moved.sum()), None, f"{farthest:.4g} s"))
+    if not near.all():
+        closest = np.searchsorted(rows.times.seconds, readings.seconds[inside][~near])
+        lines = rows.location.lines[np.clip(closest, 0, len(rows.times.seconds) - 1)]
+        steps.append(CleaningStep(name, "stranded", int((~near).sum()), int(lines[0]), masked_lines=np.unique(lines)))
+    return values, steps
 
 
-def _regressor(grid: Grid, found: Readings, bound: float) -> np.ndarray:
-    """A regressor in every row that has readings near enough on both sides; else NaN."""
+def _regressor_on_grid(grid: UniformGrid, readings: ColumnReadings, longest_gap: float) -> np.ndarray:
+    """A regressor interpolated in every row with close readings before and after it; NaN elsewhere."""
     values = np.full(len(grid.seconds), np.nan)
     if grid.as_read:
-        values[found.rows] = found.values
-    elif len(found.seconds):
-        _, apart = found.around(grid.seconds)
-        near = apart <= max(bound, 1.5 * found.usual(grid.step))
-        values[near] = found.at(grid.seconds[near])
+        values[readings.rows] = readings.values
+    elif len(readings.seconds):
+        _, spacing = readings.spacing_around(grid.seconds)
+        near = spacing <= max(longest_gap, GAP_FACTOR * readings.typical_step(grid.step))
+        values[near] = readings.interpolate(grid.seconds[near])
     return values
 
 
-def _note_moves(name: str, found: Readings, notes: Notes) -> None:
-    if found.binned:
-        notes.note(Noted(name, "binned", found.binned))
-    if found.snapped:
-        notes.note(Noted(name, "snapped", found.snapped, None, f"{found.farthest:.3g} s"))
+def _assignment_steps(name: str, readings: ColumnReadings) -> list[CleaningStep]:
+    steps = [CleaningStep(name, "binned", readings.binned)] if readings.binned else []
+    if readings.snapped:
+        steps.append(CleaningStep(name, "snapped", readings.snapped, None, f"{readings.farthest:.3g} s"))
+    return steps
 
 
-def _note_fills(name: str, face: Face, keep: slice, step: float, notes: Notes) -> None:
-    filled = face.filled[keep]
+def _filling_steps(name: str, face: FilledFace, part: slice) -> list[CleaningStep]:
+    steps, filled = [], face.filled[part]
     if filled.any():
         gaps = int(np.sum(np.diff(np.concatenate([[0], filled.astype(int)])) > 0))
-        words = f"{gaps} gap{'s' if gaps > 1 else ''} of up to {face.longest / 3600:.3g} h"
-        notes.note(Noted(name, "filled", int(filled.sum()), None, words))
-    if (between := int(face.between[keep].sum())) > 0:
-        notes.note(Noted(name, "between", between))
+        text = f"{gaps} gap{'s' if gaps > 1 else ''} of up to {face.longest_gap / 3600:.3g} h"
+        steps.append(CleaningStep(name, "filled", int(filled.sum()), None, text))
+    if face.between[part].any():
+        steps.append(CleaningStep(name, "between", int(face.between[part].sum())))
+    return steps
 
 
-def _breaks(grid: Grid, names: Sequence[str], faces: Sequence[Face], keep: slice, rows: _Rows) -> tuple[Break, ...]:
-    """The stretches in which a face has no reading for too long."""
-    broken = np.stack([face.broken[keep] for face in faces], axis=1)
+def _breaks(
+    grid: UniformGrid, names: Sequence[str], faces: Sequence[FilledFace], part: slice, zone: str | None
+) -> tuple[RecordBreak, ...]:
+    """The gaps that are too long for interpolation."""
+    broken = np.stack([face.broken[part] for face in faces], axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], broken.any(axis=1).astype(int), [0]])))
-    stamps: Any = grid.stamps[keep]
-    zone, found = rows.stamps.zone, []
+    stamps: Any = grid.stamps[part]
+    breaks = []
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         columns = tuple(name for side, name in enumerate(names) if broken[start:stop, side].any())
-        before, after = (show_stamp(moment, zone) for moment in (stamps[start - 1], stamps[stop]))
+        before, after = (format_time(stamps[row], zone) for row in (start - 1, stop))
         hours = (stop - start + 1) * grid.step / 3600
-        found.append(Break(int(start), int(stop - start), before, after, float(hours), columns))
-    return tuple(found)
+        breaks.append(RecordBreak(int(start), int(stop - start), before, after, float(hours), columns))
+    return tuple(breaks)

@@ -1,49 +1,56 @@
-"""The wanted columns of a CSV file: its rows, their times, and columns that must be whole and uniform."""
+"""Selected columns of a CSV file with the times of their rows."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._internal.errors import InputError
-from .._internal.validation import show
-from .cell_values import as_numbers, temperatures
-from .cleaning_log import Notes
-from .file_format import Format
-from .file_position import Place
-from .logger_file import Sheet, read_sheet
-from .stamp import STEP_TOLERANCE, Stamps, show_stamp
-from .time_stamps import read_stamps
+from .._internal.validation import format_value
+from .cell_values import CellColumn, parse_numbers, read_temperatures
+from .dataframe_table import raw_table_from_dataframe
+from .file_format import FileFormat
+from .file_position import FilePosition
+from .logger_file import RawTable, read_raw_table
+from .row_times import STEP_TOLERANCE, RowTimes
+from .time_parsing import parse_times
 
-FEWEST_ROWS = 8
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+MIN_ROWS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
-    """The rows of a file that hold something.
+class TimedTable:
+    """The rows of a file that hold data, with their times.
 
     Args:
-        sheet: the file.
-        place: where the rows stand.
-        cells: the wanted columns, a row each.
-        stamps: the rows' times, in the file's order.
-        dropped: lines that hold neither a time nor a number.
+        raw: the cells of the file.
+        location: of the rows in the file.
+        cells: the requested columns as a data frame, (time,) rows.
+        times: of the rows, in the file's order.
+        dropped: lines that have neither a time nor a number.
     """
 
-    sheet: Sheet
-    place: Place
+    raw: RawTable
+    location: FilePosition
     cells: Any
-    stamps: Stamps
+    times: RowTimes
     dropped: tuple[int, ...]
+
+    def column(self, name: str) -> CellColumn:
+        """A column by its name."""
+        return CellColumn(name, self.cells[name], self.location, self.raw.decimal, self.raw.units[name])
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
-    """Columns against uniform time, whole.
+class UniformTable:
+    """Columns without missing values at uniform times.
 
     Args:
         time: s since the first row, (time,).
@@ -54,90 +61,102 @@ class Columns:
     values: Mapping[str, np.ndarray]
 
 
-def read_table(path: str | os.PathLike[str], time: str, columns: Iterable[str], form: Format) -> Table:
-    """The rows of a file's columns, with their times.
+def read_timed_table(
+    path: str | os.PathLike[str] | DataFrame, time: str, columns: Iterable[str], file_format: FileFormat
+) -> TimedTable:
+    """Read columns of a file or DataFrame and the times of their rows.
+
+    Args:
+        path: of the file, or a DataFrame.
+        time: the column of times.
+        columns: the other columns.
+        file_format: of the file.
 
     Raises:
-        InputError: a file that cannot be read, a column that is missing, a time that is none, or too few rows.
+        InputError: the file cannot be read, a column is missing, a time is invalid, or there are too few rows.
     """
-    sheet = read_sheet(path, [time, *columns], form)
-    cells = sheet.cells.dropna(how="all")
-    idle = _idle(cells, time)
-    dropped = tuple(int(line) for line in cells.index[idle])
-    cells = cells[~idle] if len(dropped) else cells
-    if len(cells) < FEWEST_ROWS:
-        raise InputError(f"{sheet.file}: found {len(cells)} rows below the header; at least {FEWEST_ROWS} are needed")
-    place = Place(sheet.file, cells.index.to_numpy())
-    return Table(sheet, place, cells, read_stamps(place, time, cells[time], form), dropped)
+    wanted = [time, *columns]
+    if isinstance(path, (str, os.PathLike)):
+        raw = read_raw_table(path, wanted, file_format)
+    else:
+        raw = raw_table_from_dataframe(path, wanted)
+    cells = raw.cells.dropna(how="all")
+    without_data = _rows_without_data(cells, time)
+    dropped = tuple(int(line) for line in cells.index[without_data])
+    cells = cells[~without_data] if len(dropped) else cells
+    if len(cells) < MIN_ROWS:
+        raise InputError(f"{raw.file}: found {len(cells)} rows below the header; at least {MIN_ROWS} are needed")
+    location = FilePosition(raw.file, cells.index.to_numpy())
+    return TimedTable(raw, location, cells, parse_times(location, time, cells[time], file_format), dropped)
 
 
-def _idle(cells: Any, time: str) -> np.ndarray:
-    """Rows without a time and without a number: a logger's remarks, a header that stands again."""
+def _rows_without_data(cells: Any, time: str) -> np.ndarray:
+    """Which rows have neither a time nor a number, such as comments and repeated headers."""
     import pandas as pd
 
     times = cells[time]
-    idle = times.isna().to_numpy(bool, copy=True)
+    without_data = times.isna().to_numpy(bool, copy=True)
     if times.dtype.kind not in "iuf":
-        idle |= ~times.astype(str).str.match(r"\s*[+-]?\d").to_numpy(bool)
-    if idle.any():
-        others = cells[idle].drop(columns=time)
-        numbers = others.apply(lambda one: pd.to_numeric(one.astype(str).str.replace(",", "."), errors="coerce"))
-        idle[idle] = numbers.isna().all(axis=1).to_numpy(bool)
-    return idle
+        without_data |= ~times.astype(str).str.match(r"\s*[+-]?\d").to_numpy(bool)
+    if without_data.any():
+        others = cells[without_data].drop(columns=time)
+        numbers = others.apply(lambda column: pd.to_numeric(column.astype(str).str.replace(",", "."), errors="coerce"))
+        without_data[without_data] = numbers.isna().all(axis=1).to_numpy(bool)
+    return without_data
 
 
-def read_columns(path: str | os.PathLike[str], time: str, columns: Sequence[str]) -> Columns:
-    """Temperatures in a CSV file that must be there in every row, at a uniform step.
+def read_uniform_table(path: str | os.PathLike[str], time: str, columns: Sequence[str]) -> UniformTable:
+    """Read columns of temperatures that have a value in every row, at a uniform step.
+
+    Args:
+        path: of the CSV file.
+        time: the column of times.
+        columns: of temperatures, degC.
 
     Raises:
-        InputError: what is wrong with the file, with its line and column.
+        InputError: the file is invalid; the message gives line and column.
     """
-    form = Format(clean=False)
-    table = read_table(path, time, columns, form)
-    _check_step(table.place, time, table.stamps)
+    file_format = FileFormat(clean=False)
+    table = read_timed_table(path, time, columns, file_format)
+    location = table.location
+    _check_step(location, time, table.times)
     values = {}
     for name in dict.fromkeys(columns):
-        cells = table.cells[name]
-        found = as_numbers(table.place, name, cells, form, table.sheet.decimal)
-        missing = np.isnan(found.values)
-        if found.empty.any():
-            row = int(found.empty.argmax())
-            count = f"{found.empty.sum()} of {missing.size} are"
-            table.place.refuse(name, row, f"the cell is empty ({count}); a value is needed in every row")
+        column = table.column(name)
+        parsed = parse_numbers(column, file_format)
+        missing = np.isnan(parsed.values)
+        if parsed.empty.any():
+            row = int(parsed.empty.argmax())
+            count = f"{parsed.empty.sum()} of {missing.size} are"
+            location.raise_at_cell(name, row, f"the cell is empty ({count}); a value is needed in every row")
         if missing.any():
             row = int(missing.argmax())
-            table.place.refuse(name, row, f"found {show(str(cells.iloc[row]))}; it must be a finite number")
-        unit = table.sheet.units[name]
-        notes = Notes(table.stamps.seconds)
-        values[name] = temperatures(table.place, name, cells, form, table.sheet.decimal, notes, unit=None, written=unit)
-        if notes.masked:
-            row = int(np.isnan(values[name]).argmax())
-            table.place.refuse(name, row, f"found {cells.iloc[row]:.6g}; temperatures must be in degC")
-    return Columns(table.stamps.seconds - table.stamps.seconds[0], values)
+            location.raise_at_cell(
+                name, row, f"found {format_value(str(column.cells.iloc[row]))}; it must be a finite number"
+            )
+        values[name], _ = read_temperatures(column, file_format, unit=None)
+        impossible = np.isnan(values[name])
+        if impossible.any():
+            row = int(impossible.argmax())
+            location.raise_at_cell(name, row, f"found {column.cells.iloc[row]:.6g}; temperatures must be in degC")
+    return UniformTable(table.times.seconds - table.times.seconds[0], values)
 
 
-def check_increasing(place: Place, column: str, stamps: Stamps) -> None:
-    """Refuse times that do not increase."""
-    steps = np.diff(stamps.seconds)
+def _check_step(location: FilePosition, column: str, times: RowTimes) -> None:
+    """Raise an error unless the times increase by a uniform step."""
+    steps = np.diff(times.seconds)
     if (steps <= 0).any():
         row = int((steps <= 0).argmax()) + 1
-        place.refuse(
-            column, row, f"{stamps.show(row)} follows {stamps.show(row - 1)}; times must increase from row to row"
+        location.raise_at_cell(
+            column, row, f"{times.format(row)} follows {times.format(row - 1)}; times must increase from row to row"
         )
-
-
-def _check_step(place: Place, column: str, stamps: Stamps) -> None:
-    """Times must increase, all by one step."""
-    check_increasing(place, column, stamps)
-    steps = np.diff(stamps.seconds)
-    usual = float(np.median(steps))
-    odd = np.abs(steps - usual) > STEP_TOLERANCE * usual
-    if odd.any():
-        row = int(odd.argmax()) + 1
-        before, after = (show_stamp(stamps.stamps[k], stamps.zone) for k in (row - 1, row))
-        place.refuse(
+    typical = float(np.median(steps))
+    differs = np.abs(steps - typical) > STEP_TOLERANCE * typical
+    if differs.any():
+        row = int(differs.argmax()) + 1
+        location.raise_at_cell(
             column,
             row,
-            f"the step from {before} to {after} is {steps[row - 1]:g} s, the usual one {usual:g} s ({odd.sum()} steps "
-            "differ); resample the signals to a uniform step",
+            f"the step from {times.format(row - 1)} to {times.format(row)} is {steps[row - 1]:g} s, the usual one "
+            f"{typical:g} s ({differs.sum()} steps differ); resample the signals to a uniform step",
         )

@@ -30,7 +30,7 @@ import optimistix as optx
 from jaxtyping import Array
 from threadpoolctl import threadpool_limits
 
-from .._internal.arrays import on_device, part_of
+from .._internal.arrays import index_array, on_device
 from .._internal.errors import InputError
 from ..models.error_measures import eps_2, eps_inf
 from ..models.integration import Integrator
@@ -147,11 +147,11 @@ def _first_modes(system: StateSpace, order: int) -> StateSpace:
     """A modal model without the modes past the first `order`."""
     return replace(
         system,
-        A=part_of(system.A, slice(order)),
-        B=part_of(system.B, slice(order)),
-        C=part_of(system.C, (slice(None), slice(order))),
-        P=part_of(system.P, slice(order)),
-        C_theta=None if system.C_theta is None else part_of(system.C_theta, (slice(None), slice(order))),
+        A=index_array(system.A, slice(order)),
+        B=index_array(system.B, slice(order)),
+        C=index_array(system.C, (slice(None), slice(order))),
+        P=index_array(system.P, slice(order)),
+        C_theta=None if system.C_theta is None else index_array(system.C_theta, (slice(None), slice(order))),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from .._internal.errors import InputError
 from ..case.case_definition import Case
 from ..case.initial_profile import dimensionless_profile, profile_degree, scales
-from ..case.time_window import STILL, HasBest, Window, as_window
+from ..case.time_window import MIN_FACE_RANGE, HasBestWindow, Window, as_window
 from ..models.flux_plates import conductance_of, flux_noise_std, plate_outputs
 from ..models.integration import Integrator
 from ..models.window_inputs import full_order_model
@@ -22,7 +22,7 @@ _MOST_ROWS = 1000  # to learn from: three days of a row a minute would take a mi
 
 def learn(
     case: Case,
-    window: Window | HasBest,
+    window: Window | HasBestWindow,
     order: int | Literal["auto"] | None = None,
     *,
     plates: bool | None = None,
@@ -93,7 +93,7 @@ def training_signals(case: Case, window: Window) -> TrainingSignals:
             'take another window, or [choices] model = "lom"'
         )
     return TrainingSignals(
-        fourier=np.array([scale.fourier(alpha) for alpha, _, _ in runs]),
+        fourier=np.array([scale.fourier_number(alpha) for alpha, _, _ in runs]),
         step=step / scale.time,
         inputs=np.stack([faces for _, faces, _ in runs]),
         initial=np.stack([initial for _, _, initial in runs]),
@@ -103,7 +103,7 @@ def training_signals(case: Case, window: Window) -> TrainingSignals:
 def _face_courses(faces: np.ndarray) -> list[np.ndarray]:
     """Each face alone, from its first value, with the other one at rest; none where both stand still."""
     moves = faces - faces[0]
-    still = np.ptp(moves, axis=0) < STILL
+    still = np.ptp(moves, axis=0) < MIN_FACE_RANGE
     courses = []
     for side in (0, 1) if not still.all() else ():
         course = np.zeros_like(moves)

@@ -1,5 +1,5 @@
-"""What a run writes: the page, its figures and captions, result.json; all files or none."""
+"""The files of a run: report.html, its figures and captions, and result.json; all are written, or none."""
 
-from .writer import dumps, write
+from .writer import result_as_json, write_report
 
-__all__ = ["dumps", "write"]
+__all__ = ["result_as_json", "write_report"]

@@ -1,4 +1,4 @@
-"""What each figure shows: a caption that says how to read it, and its text alternative with this run's numbers."""
+"""Caption and alternative text of each figure; the alternative text gives the numbers of the run."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._internal.number_formats import prose
+from .._internal.number_formats import format_text
 from .._internal.units import DAY
-from .figures import shaded
+from .figures import shaded_window
 
 if TYPE_CHECKING:
-    from ..discrepancy.findings import Diagnosis
+    from ..discrepancy.diagnosis_result import Diagnosis
     from ..estimation.many_windows import CampaignEstimate
     from ..estimation.prediction import Prediction
     from ..estimation.result_objects import Estimate
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..experiment_design.window_selection import Design
     from ..workflow import Run
 
-Words = Callable[["Run"], str]
+Text = Callable[["Run"], str]
 
 
 def _wall(run: Run) -> str:
@@ -37,256 +37,266 @@ def _record(run: Run) -> str:
     return (
         f"Temperatures over {record.duration / DAY:.3g} days: left face {low[0]:.1f} to {high[0]:.1f} degC, right "
         f"face {low[1]:.1f} to {high[1]:.1f} degC, {len(record.names)} inner sensors"
-        + ("; below, when each has readings." if run.check is not None else _used(run))
+        + ("; below, the available readings of each." if run.check is not None else _window_text(run))
     )
 
 
-def _used(run: Run) -> str:
-    return "." if shaded(run) is None else "; the window used is shaded."
+def _window_text(run: Run) -> str:
+    return "." if shaded_window(run) is None else "; the window used is shaded."
 
 
 def _record_caption(run: Run) -> str:
     if run.check is not None:
         return (
-            "What was logged, and when each face and sensor has readings: orange where a face was interpolated, black "
-            "marks where a reading was masked, grey where the record is broken."
+            "Logged temperatures, and the available readings of each face and sensor. Orange: interpolated face "
+            "temperatures. Black marks: missing or masked readings. Grey: breaks of the record."
         )
-    window = "" if shaded(run) is None else " The yellow band is the window used."
-    broken = " A grey band is a break of the record." if len(run.case.record.unbroken) > 1 else ""
-    return f"What was logged.{window}{broken}"
+    window = "" if shaded_window(run) is None else " The yellow band is the window used."
+    broken = (
+        " A grey band is a break of the record, where a face has no readings for too long to interpolate."
+        if len(run.case.record.unbroken_parts) > 1
+        else ""
+    )
+    return f"Logged temperatures.{window}{broken}"
 
 
-def _design(run: Run, found: Design) -> str:
-    best = found.best
+def _design(run: Run, design: Design) -> str:
+    best = design.best
     return (
-        f"Sensitivity of each reading to the diffusivity, and the criterion over start days; best are {best.rows} "
-        f"rows from {run.case.record.stamp(best.row)}."
+        "Sensitivity of each reading to the diffusivity, and the design criterion against the start of the window; "
+        f"the best window has {best.rows} rows from {run.case.record.stamp(best.row)}."
     )
 
 
-def _places(run: Run, found: SensorPlacement) -> str:
+def _sensor_placement(run: Run, placement: SensorPlacement) -> str:
     return (
-        f"Expected standard error with one more sensor at each of {len(found.places)} places, least at "
-        f"{found.best:.3g} m from the left face, and at other sampling steps."
+        f"Expected standard error of the diffusivity with a further sensor at each of {len(placement.candidates)} "
+        f"positions, smallest at {placement.best:.3g} m from the left face, and at other sampling steps."
     )
 
 
-def _campaign(run: Run, found: CampaignEstimate) -> str:
-    through = "" if found.thermal is None else f" and {found.thermal.resistance.value:.3g} m2 K/W"
+def _campaign(run: Run, campaign: CampaignEstimate) -> str:
+    resistance = "" if campaign.thermal is None else f" and {campaign.thermal.resistance.value:.3g} m2 K/W"
     return (
-        f"Intervals of {len(found.windows)} windows, {len(found.used)} of them informative; all together "
-        f"{found.value:.4g} m2/s{through}."
+        f"Intervals of {len(campaign.windows)} windows, {len(campaign.used)} of them informative; all windows together "
+        f"give {campaign.value:.4g} m2/s{resistance}."
     )
 
 
 def _campaign_caption(run: Run) -> str:
-    through = "" if run.campaign is None or run.campaign.thermal is None else " On the right, of the resistance."
+    resistance = "" if run.campaign is None or run.campaign.thermal is None else " Right: thermal resistance."
     return (
-        "The 95 % interval of each window (blue: informative, larger dots weigh more; grey: not in the mean), and of "
-        f"all of them together.{through}"
+        "The 95 % interval of the diffusivity from each window, and from all windows together (orange). Blue: "
+        "informative windows, with dots the larger, the larger their weight in the mean. Grey: windows not in the "
+        f"mean.{resistance}"
     )
 
 
 def _estimate(run: Run, fit: Estimate) -> str:
-    steps = f"The estimate goes to {fit.value:.4g} m2/s in {len(fit.history['diffusivity']) - 1} steps"
-    if not fit.sensors:
-        return f"{steps}, and its changes fall below the stopping criterion."
-    gap = float(np.sqrt(np.nanmean(fit.residual[:, : fit.sensors] ** 2)))
-    return f"{steps}; simulated and measured temperatures differ by {gap:.2g} K root mean square."
+    steps = f"The estimate converges to {fit.value:.4g} m2/s in {len(fit.history['diffusivity']) - 1} steps"
+    if not fit.sensor_count:
+        return f"{steps}."
+    rms = float(np.sqrt(np.nanmean(fit.residual[:, : fit.sensor_count] ** 2)))
+    return f"{steps}; the residual of the temperatures has a root mean square of {rms:.2g} K."
 
 
 def _estimate_caption(run: Run) -> str:
     if not run.case.sensors:
-        return "Convergence of the estimate."
+        return "Convergence of the estimate, and the relative changes of cost and diffusivity that stop the iteration."
     return (
-        "Convergence of the estimate, and the temperatures measured against those simulated with it. Shaded: where 95 "
-        "of 100 readings would lie by the sensors' stated noise and the diffusivity's standard error."
+        "Top: convergence of the diffusivity, and the relative changes of cost and diffusivity that stop the "
+        "iteration; the dotted line is the start of the generalised least-squares (GLS) fit. Bottom: measured and "
+        "simulated temperatures in the window, and the residual. Shaded: 95 % "
+        "interval of a reading, from the stated sensor noise and the standard error of the diffusivity."
     )
 
 
 def _orders(run: Run) -> str:
     errors = "; ".join(
-        f"order {one.system.order}: {one.eps_inf[0]:.1e} (temperature), {one.eps_inf[1]:.1e} (sensitivity)"
-        for one in run.orders
+        f"order {model.system.order}: {model.eps_inf[0]:.1e} (temperature), {model.eps_inf[1]:.1e} (sensitivity)"
+        for model in run.orders
     )
-    return f"Largest errors of reduced models over their learning signals, dimensionless, by order. {errors}."
+    return f"Largest dimensionless errors of reduced-order models over the training signals. {errors}."
 
 
-def _loads(run: Run, found: Prediction) -> str:
-    if (loads := found.loads) is None:
+def _loads(run: Run, prediction: Prediction) -> str:
+    if (loads := prediction.loads) is None:
         return ""
     return (
-        f"Heat flux through the inner face, {np.nanmin(loads.flux):.3g} to {np.nanmax(loads.flux):.3g} W/m2; its "
-        f"energy moves by {loads.change[0]:+.1%} to {loads.change[-1]:+.1%} for {loads.factors[0] - 1:+.0%} to "
-        f"{loads.factors[-1] - 1:+.0%} of the diffusivity."
+        f"Heat flux through the inner face, {np.nanmin(loads.flux):.3g} to {np.nanmax(loads.flux):.3g} W/m2; the "
+        f"heat load changes by {loads.relative_change[0]:+.1%} to {loads.relative_change[-1]:+.1%} for "
+        f"{loads.factors[0] - 1:+.0%} to {loads.factors[-1] - 1:+.0%} change of the diffusivity."
     )
 
 
 def _flux(run: Run, fit: Estimate) -> str:
-    if (told := fit.thermal) is None:
+    if (thermal := fit.thermal) is None:
         return ""
-    left = fit.residual[:, fit.sensors :]
+    residual = fit.residual[:, fit.sensor_count :]
     return (
-        f"Measured and simulated heat flux of {len(told.gains)} plate(s), {np.sqrt(np.nanmean(left**2)):.2g} W/m2 root "
-        f"mean square apart; resistance {told.resistance.value:.3g} m2 K/W."
+        f"Measured and simulated heat flux of {len(thermal.plate_gains)} plate(s), root mean square of the residual "
+        f"{np.sqrt(np.nanmean(residual**2)):.2g} W/m2; resistance {thermal.resistance.value:.3g} m2 K/W."
     )
 
 
-def _reliability(run: Run, found: Prediction) -> str:
-    sizes = [found.sizes(s) for s in range(len(found.names))]
-    told = ", ".join(
+def _prediction(run: Run, prediction: Prediction) -> str:
+    rms = [prediction.rms_of_sensor(s) for s in range(len(prediction.sensor_names))]
+    residuals = ", ".join(
         f"{name} {after:.2g} K ({before:.2g} K with the prior)"
-        for name, (before, after, _) in zip(found.names, sizes, strict=True)
+        for name, (before, after, _) in zip(prediction.sensor_names, rms, strict=True)
     )
     return (
-        "The record's last week against the prediction, and the residuals' densities over the whole record, root mean "
-        f"square: {told}."
+        "Measured and predicted temperatures in the last week of the record, and densities of the residual over the "
+        f"entire record. Root mean square of the residual: {residuals}."
     )
 
 
-def _refused(found: Diagnosis) -> str:
-    """What the later model is, where it may not stand."""
-    return " The nearest known effect is shown although it was refused." if found.effects and found.incomplete else ""
+def _refused(diagnosis: Diagnosis | None) -> str:
+    """Note on the effects of the model where the search refused them."""
+    refused = diagnosis is not None and diagnosis.effects and diagnosis.incomplete
+    return " The nearest known effect is shown although the search refused it." if refused else ""
 
 
-def _missing(run: Run, found: Diagnosis) -> str:
-    first = found.table[0] if found.table else None
-    most = f"; {first.label} explains most by itself" if first else ""
+def _missing(run: Run, diagnosis: Diagnosis) -> str:
+    first = diagnosis.table[0] if diagnosis.table else None
+    largest = f"; {first.label} alone has the largest expected gain" if first else ""
     return (
-        f"The gap goes from {found.gap.before:.2g} K to {found.gap.after:.2g} K, the noise floor is "
-        f"{found.gap.floor:.2g} K{most}.{_refused(found)}"
+        f"Root mean square of the residual: {diagnosis.gap.before:.2g} K with the plain model, "
+        f"{diagnosis.gap.after:.2g} K with the final model, {diagnosis.gap.noise_floor:.2g} K expected from noise "
+        f"alone{largest}.{_refused(diagnosis)}"
     )
 
 
-def _residuals(run: Run, found: Diagnosis) -> str:
-    before, after = found.left_before.by_sensor, found.left_after.by_sensor
-    if not found.after.active:
+def _residuals(run: Run, diagnosis: Diagnosis) -> str:
+    before, after = diagnosis.residual_tests_before.by_sensor, diagnosis.residual_tests_after.by_sensor
+    if not diagnosis.after.active:
         sizes = ", ".join(f"{name} {size:.2g} K" for name, size in before.items())
-        return f"Measured minus simulated by sensor over time and by hour of the day, root mean square: {sizes}."
+        return f"Residual by sensor over time and by hour of the day, root mean square: {sizes}."
     sizes = ", ".join(f"{name} {size:.2g} to {after[name]:.2g} K" for name, size in before.items())
     return (
-        f"Measured minus simulated by sensor over time and by hour of the day, root mean square before and after: "
-        f"{sizes}.{_refused(found)}"
+        f"Residual by sensor over time and by hour of the day, root mean square before and after the effects: "
+        f"{sizes}.{_refused(diagnosis)}"
     )
 
 
 def _residuals_caption(run: Run) -> str:
-    models = "models leave" if run.diagnosis is not None and run.diagnosis.after.active else "plain model leaves"
-    return f"What the {models}, by sensor and time, and by sensor and hour of the day."
+    models = "of both models" if run.diagnosis is not None and run.diagnosis.after.active else "of the plain model"
+    return (
+        f"Residual (measured minus simulated) {models}. Top: by sensor and time; grey cells have no reading. "
+        "Bottom: mean by hour of the day."
+    )
 
 
 def _missing_caption(run: Run) -> str:
-    shrinks = (
-        "How far the gap between model and readings is from the noise floor"
-        if run.diagnosis is None or not run.diagnosis.after.active
-        else "How the gap between model and readings shrinks with each effect towards the noise floor"
+    effects = ", and its decrease with each effect" if run.diagnosis is not None and run.diagnosis.after.active else ""
+    return (
+        f"Top: root mean square of the residual of the plain model{effects}; the dashed line is the value expected "
+        "from noise alone, diamonds are values on days that were held out of the fit. Bottom: gain (decrease of −2 "
+        "log L) of each effect added alone to the plain model; effects left of the dashed line are not significant."
+        f"{_refused(run.diagnosis)}"
     )
-    refused = "" if run.diagnosis is None else _refused(run.diagnosis)
-    return f"{shrinks}, and what each effect of the library would explain beside the plain model.{refused}"
 
 
 def _windows_caption(run: Run) -> str:
-    refused = "" if run.diagnosis is None else _refused(run.diagnosis)
-    return f"The size of what was found, quarter by quarter of the record: a true effect is the same in each.{refused}"
+    return (
+        "Size of each effect of the model, estimated from each quarter of the record: an effect that exists has the "
+        f"same size in all quarters.{_refused(run.diagnosis)}"
+    )
 
 
-def _about(part: str, tell: Callable[[Run, Any], str]) -> Words:
-    """Told of a part of the run; nothing where the run did not get there."""
-    return lambda run: "" if getattr(run, part) is None else tell(run, getattr(run, part))
+def _for_stage(attribute: str, describe: Callable[[Run, Any], str]) -> Text:
+    """A text on the result of a stage; empty where the run has none."""
+    return lambda run: "" if getattr(run, attribute) is None else describe(run, getattr(run, attribute))
 
 
-def _said(text: str) -> Words:
+def _fixed(text: str) -> Text:
     return lambda run: text
 
 
-_CAPTIONS: dict[str, tuple[str | Words, Words]] = {
-    "wall": ("The wall in section, to scale across, with the places of its sensors.", _wall),
-    "record": (
-        _record_caption,
-        _record,
-    ),
+_CAPTIONS: dict[str, tuple[str | Text, Text]] = {
+    "wall": ("The wall in section, to scale along x, with the positions of the sensors.", _wall),
+    "record": (_record_caption, _record),
     "design": (
-        "Which days tell most: how far each reading would move with the diffusivity, and what a window from each "
-        "start day would tell, over the best.",
-        _about("design", _design),
+        "Sensitivity of the readings to the diffusivity, ∂T/∂(ln α), and the design criterion for a window from each "
+        "start day: a scalar measure of the Fisher information, divided by its value for the best window. Bottom, "
+        "where present: the criterion by window length, divided by its value for the longest window.",
+        _for_stage("design", _design),
     ),
     "places": (
-        "What one more sensor would do to the diffusivity's standard error, by its place (dotted: without it), and "
-        "what a row more often or more rarely would.",
-        _about("places", _places),
+        "Left: expected standard error of the diffusivity with a further sensor, by its position (dotted: without it). "
+        "Right: expected standard error with other sampling steps.",
+        _for_stage("sensor_placement", _sensor_placement),
     ),
-    "campaign": (
-        _campaign_caption,
-        _about("campaign", _campaign),
-    ),
+    "campaign": (_campaign_caption, _for_stage("campaign", _campaign)),
     "orders": (
-        "Error of the reduced model against its order.",
+        "Error of the reduced-order model over its training signals, for temperature and sensitivity, against its "
+        "order.",
         _orders,
     ),
-    "estimate": (
-        _estimate_caption,
-        _about("fit", _estimate),
-    ),
+    "estimate": (_estimate_caption, _for_stage("fit", _estimate)),
     "reliability": (
-        "Left: the record's last week, measured and predicted with prior and estimate. Right: the residuals' density "
-        "over the whole record, of which the estimate saw only a window, and that of the measurement's own "
-        "uncertainty.",
-        _about("reliability", _reliability),
+        "Left: last week of the record, measured, and predicted with the prior and the estimated diffusivity. Right: "
+        "density of the residual over the entire record, of which the estimate used one window, and density of the "
+        "measurement uncertainty.",
+        _for_stage("prediction", _prediction),
     ),
     "uncertainty": (
-        "How uncertain single readings are: sensor noise, and what an error of position makes of the gradient; beside "
-        "it the profile at the window's start.",
-        _said("Combined measurement uncertainty of each sensor over the record, and the initial profile."),
+        "Left: standard uncertainty of the readings, from sensor noise and position error; the position error acts "
+        "through the temperature gradient. Right: temperature profile at the start of the window.",
+        _fixed("Standard uncertainty of the readings of each sensor over the record, and the initial profile."),
     ),
     "flux": (
-        "Heat flux at the faces: measured (dots) and simulated, what is left, and its density beside the stated "
-        "noise's. Shaded: where 95 of 100 readings would lie by that noise, on the left with the conductivity's "
-        "standard error too. The first readings are left out: they follow from the initial profile's short waves, "
-        "which nothing tells.",
-        _about("fit", _flux),
+        "Heat flux at the faces: measured (dots) and simulated, residual, and density of the residual and of the "
+        "stated noise. Shaded: 95 % interval of a reading from that noise; on the left also from the standard error "
+        "of the conductivity. The first readings are left out: they depend on details of the initial profile that no "
+        "reading determines.",
+        _for_stage("fit", _flux),
     ),
     "loads": (
-        "Heat flux through the inner face, and how the energy that passes moves with the diffusivity.",
-        _about("reliability", _loads),
+        "Heat flux through the inner face over the entire record, and change of its sum, the heat load, with the "
+        "diffusivity.",
+        _for_stage("prediction", _loads),
     ),
-    "missing": (
-        _missing_caption,
-        _about("explanation", _missing),
-    ),
-    "residuals": (
-        _residuals_caption,
-        _about("explanation", _residuals),
-    ),
+    "missing": (_missing_caption, _for_stage("diagnosis", _missing)),
+    "residuals": (_residuals_caption, _for_stage("diagnosis", _residuals)),
     "remainder": (
-        "What none of the known effects explains: the smooth part of the residual, orthogonal to all that the model "
-        "could still adapt.",
-        _said("Smooth part of what is left, by sensor over the record's days, with the mean residual of each day."),
+        "Smooth part of the residual that none of the known effects explains; it is orthogonal to the Jacobian of all "
+        "parameters of the model.",
+        _fixed("Smooth part of the residual, by sensor over the record, with the mean residual of each day."),
     ),
     "fit": (
-        "The week in which the plain model fails most.",
-        _said("Measured and simulated temperatures in the plain model's worst week, and their differences."),
+        "Measured and simulated temperatures, and their residuals, in the week with the largest residual of the plain "
+        "model.",
+        _fixed("Measured and simulated temperatures, and residuals, in the worst week of the plain model."),
     ),
     "confusable": (
-        "Which effects leave the same trace in this record: a pair near 1 cannot be told apart.",
-        _said("Matrix of the likeness, 0 to 1, of the traces that the effects of the library leave in this record."),
+        "Similarity of the effects in this record: cosine between the changes of the residual that they cause. A pair "
+        "near 1 cannot be distinguished. Names in bold: effects of the model.",
+        _fixed("Matrix of the absolute cosine, 0 to 1, between the residual changes of each two effects."),
     ),
     "windows": (
         _windows_caption,
-        _said("Size of each effect found, with its uncertainty, in four quarters of the record."),
+        _fixed("Size of each effect of the model, with its 95 % interval, in four quarters of the record."),
     ),
     "periodogram": (
-        "Share of the residual's power below each frequency, beside what the noise model expects.",
-        _said("Cumulative periodogram of the residual of each sensor with the band that noise alone would keep."),
+        "Cumulative periodogram: share of the variance of the residual below each frequency, with the expectation of "
+        "the fitted noise model (dashed) and the 95 % band of white noise (shaded).",
+        _fixed("Cumulative periodogram of the residual of each sensor, with the 95 % band of white noise."),
     ),
 }
 
 
-def caption(stem: str, run: Run) -> str:
-    """How to read the figure of a stem."""
+def figure_caption(stem: str, run: Run) -> str:
+    """Caption of a figure.
+
+    Args:
+        stem: name of its file without extension.
+        run: with the results that it shows.
+    """
     text = _CAPTIONS[stem][0]
     return text if isinstance(text, str) else text(run)
 
 
-def alternative(stem: str, run: Run) -> str:
-    """What the figure of a stem shows, in words."""
-    return prose(_CAPTIONS[stem][1](run))
+def alternative_text(stem: str, run: Run) -> str:
+    """Description of what a figure shows, for readers who cannot see it; arguments as for `figure_caption`."""
+    return format_text(_CAPTIONS[stem][1](run))

@@ -1,6 +1,7 @@
-"""`report.html`: one page that holds a run's answer, figures, numbers, settings and the command that makes it again.
+"""`report.html`: one page with the result of a run, its figures, numbers and settings, and the command that made it.
 
-Nothing on it is fetched: figures are SVG within the page, whose ink follows the reader's light or dark setting.
+The page loads no other file: its figures are SVG in the page. Their lines and text follow the light or dark setting of
+the reader.
 """
 
 from __future__ import annotations
@@ -15,183 +16,208 @@ from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from .._internal.number_formats import number, prose, unit
+from .._internal.number_formats import format_number, format_text, format_unit
 from ..discrepancy.effects.catalogue import untestable
-from .captions import alternative, caption
-from .figures import narrow
-from .settings import settings
-from .svg import Drawn, draw, sources
-from .tables import tables
+from .captions import alternative_text, figure_caption
+from .figures import narrow_figures
+from .result_json import diffusivity_entry
+from .settings import settings_tables
+from .svg import DrawnFigure, data_uris, draw_figure
+from .tables import number_tables
 
 if TYPE_CHECKING:
     from ..workflow import Run
 
 _PACKAGES = ("wallid", "jax", "equinox", "diffrax", "optimistix", "numpy", "scipy", "matplotlib", "pandas")
-_FITS = 1.25  # times what the stated noise leaves: more, and the model misses something
+_LARGEST_RATIO = 1.25  # of the residual to the stated noise, above which the model does not fit the readings
 
 _BADGES = {
-    "adequate": "nothing is missing",
-    "named": "a missing effect is named",
-    "confusable": "a missing effect, and rivals",
-    "unnamed": "something unknown is missing",
-    "uninformative": "not to be relied on",
+    "adequate": "no missing effect found",
+    "named": "missing effect identified",
+    "confusable": "missing effect with rivals",
+    "unnamed": "unknown effect missing",
+    "uninformative": "no reliable value",
     None: "estimate",
 }
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A figure as the page holds it.
+class PageFigure:
+    """A figure of the page.
 
     Args:
-        stem: of its file. source: a data URI. alt: what it shows, in words. caption: how to read it.
-        width: in inches, at which its letters are as large as the page's.
-        narrow: what a small screen shows instead; empty where that is the same.
+        stem: name of its file without extension.
+        data_uri: the figure as SVG.
+        alternative_text: description of what it shows, for readers who cannot see it.
+        caption: how to read it.
+        width: inches, at which its text is as large as that of the page.
+        narrow_data_uri: the figure for a narrow screen; empty where it is the same.
     """
 
     stem: str
-    source: str
-    alt: str
+    data_uri: str
+    alternative_text: str
     caption: str
     width: float
-    narrow: str
+    narrow_data_uri: str
 
 
-def page(run: Run, result: dict[str, Any], figures: Sequence[Drawn], command: str = "") -> str:
-    """The page of a run.
+def render_page(run: Run, result: dict[str, Any], figures: Sequence[DrawnFigure], command: str = "") -> str:
+    """The page of a run as HTML.
 
     Args:
-        result: the contents of result.json.
-        figures: drawn.
-        command: that makes the page again; empty where there was none.
+        result: contents of result.json.
+        figures: in the order of the page.
+        command: command line that made the page; empty where there was none.
     """
+    values = diffusivities(run, result) if run.case.sensors else []
     return _template().render(
         run=run,
         case=run.case,
-        explanation=run.diagnosis,
+        diagnosis=run.diagnosis,
         ranked=() if run.diagnosis is None else run.diagnosis.table,
         result=result,
         verdict=result["verdict"],
         badge=_badge(run, result),
-        headline=headline(run, result),
+        headline=values[0] if values else _resistance(result),
+        other_values=values[1:],
         answer=answer(run, result),
-        pictures=_pictures(run, figures),
-        tables=tables(result),
-        settings=settings(run.case),
+        figures=_page_figures(run, figures),
+        tables=number_tables(result, values[0][0] if values else ""),
+        settings=settings_tables(run.case),
         versions=[("Python", platform.python_version()), *((name, version(name)) for name in _PACKAGES)],
         command=command,
-        made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         untestable=_untestable(run),
     )
 
 
-def linked(text: str, links: dict[str, str]) -> str:
-    """A page with links at its top to the pages that lie beside it.
+def with_links(text: str, links: dict[str, str]) -> str:
+    """A page with links at its top to the other pages in its folder.
 
     Args:
-        links: what each file shows, by its name.
+        text: of the page.
+        links: description of each linked file, by its name.
     """
-    shown = "; ".join(f'{escape(words)}: <a href="{name}">{name}</a>' for name, words in links.items())
+    shown = "; ".join(f'{escape(description)}: <a href="{name}">{name}</a>' for name, description in links.items())
     return re.sub(r'(?<=<p id="beside">).*?(?=</p>)', lambda _: shown, text, count=1)
 
 
 def _badge(run: Run, result: dict[str, Any]) -> str:
     if run.check is not None:
         return "check: a run would stop" if run.check.stops else "check: a run can go ahead"
-    if run.fit is None and run.campaign is None and run.diagnosis is None and not run.unreliable:
+    if run.fit is None and run.campaign is None and run.diagnosis is None and not run.unreliable_reason:
         return "design"
     verdict = result["verdict"]
     return _BADGES[None] if verdict is None else f"{verdict}: {_BADGES[verdict]}"
 
 
-def headline(run: Run, result: dict[str, Any]) -> tuple[str, dict[str, Any]] | None:
-    """What was asked for by its name, and its value: the diffusivity, or from fluxes alone the resistance."""
-    name = "Diffusivity" if run.case.sensors else "Thermal resistance, face to face"
-    found = result["diffusivity"] if run.case.sensors else result.get("resistance")
-    return None if found is None or found["value"] is None else (name, found)
+def diffusivities(run: Run, result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """Name and entry of each diffusivity of a run, the final one first; the name states the data and the model."""
+    values = []
+    if run.diagnosis is not None:
+        data = "entire record" if run.case.choices.diagnose_days is None else "diagnosed days"
+        if run.diagnosis.after.active:
+            model = "with the nearest effect, refused" if run.diagnosis.incomplete else "with effects"
+            values.append((f"Diffusivity, {data}, {model}", result["diffusivity"]))
+        plain = "diffusivity_before" if run.diagnosis.after.active else "diffusivity"
+        values.append((f"Diffusivity, {data}, plain model", result[plain]))
+    if run.campaign is not None:
+        values.append(("Diffusivity, all windows, plain model", diffusivity_entry(run.campaign)))
+    if run.fit is not None:
+        data = "best window" if run.design is not None and run.fit.window == run.design.best else "one window"
+        values.append((f"Diffusivity, {data}, plain model", diffusivity_entry(run.fit)))
+    return [(name, entry) for name, entry in values if entry["value"] is not None]
+
+
+def _resistance(result: dict[str, Any]) -> tuple[str, dict[str, Any]] | None:
+    """Name and entry of the thermal resistance, which flux plates alone determine."""
+    entry = result.get("resistance")
+    return None if entry is None or entry["value"] is None else ("Thermal resistance, face to face", entry)
 
 
 def answer(run: Run, result: dict[str, Any]) -> str:
-    """The verdict in a sentence or two."""
-    return prose(_answer(run, result))
+    """The result of a run in one or two sentences."""
+    return format_text(_answer(run, result))
 
 
 def _answer(run: Run, result: dict[str, Any]) -> str:
     if run.check is not None:
-        told = [*(f"A run would stop: {stop}" for stop in run.check.stops), *run.check.notes]
-        return ". ".join(told or ["Nothing would stop a run"]) + "."
+        sentences = [*(f"A run would stop: {stop}" for stop in run.check.stops), *run.check.notes]
+        return ". ".join(sentences or ["Nothing would stop a run"]) + "."
     if run.diagnosis is not None:
         return run.diagnosis.sentence
-    if run.unreliable:
-        return f"This record gives no number to rely on: {run.unreliable}."
+    if run.unreliable_reason:
+        return f"This record gives no reliable value: {run.unreliable_reason}."
     if run.campaign is not None:
-        (low, high), told = run.campaign.interval_95, run.campaign.thermal
-        through = "" if told is None else f", and a resistance from face to face of {told.resistance}"
+        (low, high), thermal = run.campaign.interval_95, run.campaign.thermal
+        resistance = "" if thermal is None else f", and a resistance from face to face of {thermal.resistance}"
         return (
-            f"{len(run.campaign.used)} of {len(run.campaign.windows)} windows are informative, and together they give "
-            f"{low:.4g} to {high:.4g} m2/s (95 %){through}: {run.campaign.agreement}."
+            f"{len(run.campaign.used)} of {len(run.campaign.windows)} windows are informative. Together they give a "
+            f"diffusivity of {low:.4g} to {high:.4g} m2/s (95 %){resistance}: {run.campaign.agreement}."
         )
     if run.fit is not None and run.fit.thermal is not None:
-        told = run.fit.thermal
+        thermal = run.fit.thermal
         return (
-            f"From face to face the wall has a resistance of {told.resistance}, and with the standard surface "
-            f"resistances a U-value of {told.transmittance}. {_fits_fluxes(result)}"
+            f"The resistance of the wall from face to face is {thermal.resistance}. With the standard surface "
+            f"resistances, its U-value is {thermal.transmittance}. {_flux_misfit(result)}"
         )
     if run.fit is not None:
-        return f"A number to rely on, as far as the model is right. {_fits(result)}"
+        return f"The window determines the diffusivity, provided that the model is valid. {_misfit(result)}"
     return "" if run.design is None else str(run.design).splitlines()[0]
 
 
-def _fits(result: dict[str, Any]) -> str:
-    """Whether the model leaves no more than noise does: over the whole record where that was asked for."""
+def _misfit(result: dict[str, Any]) -> str:
+    """Whether the residual exceeds the stated noise: over the entire record where it was predicted."""
     if "reliability" in result:
-        where, left, noise = "the whole record", result["reliability"]["rms_K"], result["reliability"]["noise_K"]
+        data, rms, noise = "the entire record", result["reliability"]["rms_K"], result["reliability"]["noise_K"]
     else:
-        where, left, noise = "the window used", result["gap"]["after_K"], result["gap"]["floor_K"]
-    if left <= _FITS * noise:
+        data, rms, noise = "the window used", result["gap"]["after_K"], result["gap"]["floor_K"]
+    residual = f"Over {data}, the root mean square of the residual is {rms:.2g} K."
+    if rms <= _LARGEST_RATIO * noise:
         return (
-            f"Over {where} the prediction is off by {left:.2g} K, no more than the sensors' noise of {noise:.2g} K "
-            "explains. Whether an effect is missing all the same, wallid diagnose tells."
+            f"{residual} The stated sensor noise of {noise:.2g} K explains it. "
+            "wallid diagnose tests for effects that are missing nevertheless."
         )
     return (
-        f"Over {where} the prediction is off by {left:.2g} K, where the sensors' noise explains {noise:.2g} K: "
-        "something is missing from the model, which may move the number. wallid diagnose looks for it."
+        f"{residual} The stated sensor noise explains only {noise:.2g} K: the model lacks an effect, which may bias "
+        "the diffusivity. wallid diagnose searches for it."
     )
 
 
-def _fits_fluxes(result: dict[str, Any]) -> str:
-    """Whether the model leaves no more of the fluxes than the plates' noise does."""
-    left, noise = (result["flux_gap"][key] for key in ("after_W_per_m2", "floor_W_per_m2"))
-    if left <= _FITS * noise:
-        return f"The model misses the fluxes by {left:.2g} W/m2, no more than the noise of {noise:.2g} W/m2 explains."
-    return (
-        f"The model misses the fluxes by {left:.2g} W/m2, where their noise explains {noise:.2g} W/m2: the interval "
-        "counts that misfit too."
-    )
+def _flux_misfit(result: dict[str, Any]) -> str:
+    """Whether the residual of the fluxes exceeds the stated noise of the plates."""
+    rms, noise = (result["flux_gap"][key] for key in ("after_W_per_m2", "floor_W_per_m2"))
+    residual = f"The root mean square of the flux residual is {rms:.2g} W/m2."
+    if rms <= _LARGEST_RATIO * noise:
+        return f"{residual} The stated noise of {noise:.2g} W/m2 explains it."
+    return f"{residual} The stated noise explains only {noise:.2g} W/m2; the interval includes the misfit."
 
 
 def _untestable(run: Run) -> dict[str, str]:
-    """What each effect that could not be tried would need."""
+    """Each effect that this record cannot test, and the data that it would need."""
     if run.diagnosis is None:
         return {}
-    study = run.diagnosis.study
-    return {name: ", ".join(needs) for name, needs in untestable(study.sensors, study.record.regressors).items()}
+    problem = run.diagnosis.problem
+    return {
+        name: ", ".join(needs) for name, needs in untestable(problem.sensor_count, problem.record.regressors).items()
+    }
 
 
-def _pictures(run: Run, figures: Sequence[Drawn]) -> list[Picture]:
-    """The figures as the page holds them."""
-    shown = {drawn.stem for drawn in figures}
-    narrowed = {stem: draw(stem, made).source for stem, made in narrow(run) if stem in shown}
+def _page_figures(run: Run, figures: Sequence[DrawnFigure]) -> list[PageFigure]:
+    """The figures with captions and alternative texts."""
+    stems = {drawn.stem for drawn in figures}
+    narrow = {stem: draw_figure(stem, figure).data_uri for stem, figure in narrow_figures(run) if stem in stems}
     return [
-        Picture(
+        PageFigure(
             stem=drawn.stem,
-            source=source,
-            alt=alternative(drawn.stem, run),
-            caption=caption(drawn.stem, run),
-            width=drawn.made.get_figwidth(),
-            narrow=narrowed.get(drawn.stem, ""),
+            data_uri=data_uri,
+            alternative_text=alternative_text(drawn.stem, run),
+            caption=figure_caption(drawn.stem, run),
+            width=drawn.figure.get_figwidth(),
+            narrow_data_uri=narrow.get(drawn.stem, ""),
         )
-        for drawn, source in zip(figures, sources(figures), strict=True)
+        for drawn, data_uri in zip(figures, data_uris(figures), strict=True)
     ]
 
 
@@ -206,6 +232,6 @@ def _template() -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "unit": unit, "prose": prose}
+    environment.filters |= {"number": format_number, "unit": format_unit, "prose": format_text}
     environment.filters["percent"] = lambda share: f"{100 * share:+.1f} %".replace("-", "−")
     return environment.get_template("report.html")

@@ -1,4 +1,4 @@
-"""A figure as the page holds it: an SVG whose ink follows the reader's light or dark setting."""
+"""Figures as SVG for the page, with lines and text in the colour of the reader's light or dark setting."""
 
 from __future__ import annotations
 
@@ -10,89 +10,85 @@ from dataclasses import dataclass
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from ..plot.house_style import GREY, KEEP
-from .figures import encode
+from ..plot.house_style import GREY, KEEP_COLOUR
+from .figures import encode_figure
 
-_DECIMALS = re.compile(r"(\.\d\d)\d+")  # past a hundredth of a point nothing is seen
-_MOST_BYTES = 2_500_000  # of all pictures: a page stays under 3 MB
-_FEW_POINTS = 50  # of a line in a picture that is too large
-_BLACK, _KEPT = "#000000", "#010203"  # the second stands for black that stays black
-_PALE = re.compile(r"fill: #([c-f][0-9a-f])\1\1(?=[;\"])")  # a light grey
-
-
-Rendered = tuple[dict[str, bytes], str]
-"""A figure's files by their formats, and its data URI for the page."""
+_DECIMALS = re.compile(r"(\.\d\d)\d+")  # below a hundredth of a point, differences are not visible
+_MOST_BYTES = 2_500_000  # of all figures: the page stays under 3 MB
+_FEW_POINTS = 50  # of a line; in a figure that is too large, longer lines become pixels
+_BLACK, _KEPT = "#000000", "#010203"  # the second is a placeholder for black that stays black
+_LIGHT_GREY = re.compile(r"fill: #([c-f][0-9a-f])\1\1(?=[;\"])")
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """A figure, and what was drawn of it.
+class DrawnFigure:
+    """A figure, its files, and its SVG for the page.
 
     Args:
-        stem: of its files. files: their contents, by format. source: a data URI, for the page.
+        stem: name of its files without extension.
+        figure: the matplotlib figure.
+        files: contents of its files, by format.
+        data_uri: SVG without background, for the page.
     """
 
     stem: str
-    made: Figure
+    figure: Figure
     files: dict[str, bytes]
-    source: str
+    data_uri: str
 
 
-def render(stem: str, made: Figure, formats: Sequence[str] = ()) -> Rendered:
-    """A figure's files, then the SVG without a background that the page holds."""
-    return {kind: encode(made, kind, salt=stem) for kind in formats}, _source(made, stem)
+def draw_figure(stem: str, figure: Figure, formats: Sequence[str] = ()) -> DrawnFigure:
+    """A figure as files of the given formats, and as SVG for the page."""
+    files = {kind: encode_figure(figure, kind, salt=stem) for kind in formats}  # before its background is removed
+    return DrawnFigure(stem, figure, files, _data_uri(figure, stem))
 
 
-def draw(stem: str, made: Figure, formats: Sequence[str] = ()) -> Drawn:
-    """A figure, drawn."""
-    return Drawn(stem, made, *render(stem, made, formats))
-
-
-def sources(drawn: Sequence[Drawn]) -> list[str]:
-    """Each figure's data URI; where they are too large together, the largest with lines as pixels."""
-    found = [one.source for one in drawn]
-    for k in sorted(range(len(found)), key=lambda k: -len(found[k])):
-        if sum(map(len, found)) <= _MOST_BYTES:
+def data_uris(figures: Sequence[DrawnFigure]) -> list[str]:
+    """The data URI of each figure; where all are too large together, the largest have long lines as pixels."""
+    uris = [drawn.data_uri for drawn in figures]
+    for k in sorted(range(len(uris)), key=lambda k: -len(uris[k])):
+        if sum(map(len, uris)) <= _MOST_BYTES:
             break
-        found[k] = _source(drawn[k].made, drawn[k].stem, most_points=_FEW_POINTS)
-    return found
+        uris[k] = _data_uri(figures[k].figure, figures[k].stem, most_points=_FEW_POINTS)
+    return uris
 
 
-def _source(made: Figure, stem: str, **options: int) -> str:
-    """A figure as the data URI of an SVG without a background, in the colour of the reader's text."""
-    _prepare(made)
-    text = encode(made, "svg", salt=stem, facecolor="none", **options).decode()
-    text = re.sub(r'(?<= d=")[^"]*|(?<= [xy]=")[^"]*', lambda found: _DECIMALS.sub(r"\1", found[0]), text)
-    return f"data:image/svg+xml;base64,{base64.b64encode(_in_ink(text[text.index('<svg') :]).encode()).decode()}"
+def _data_uri(figure: Figure, stem: str, **options: int) -> str:
+    """A figure as the data URI of an SVG without background, in the colour of the reader's text."""
+    _prepare(figure)
+    text = encode_figure(figure, "svg", salt=stem, facecolor="none", **options).decode()
+    text = re.sub(r'(?<= d=")[^"]*|(?<= [xy]=")[^"]*', lambda match: _DECIMALS.sub(r"\1", match[0]), text)
+    svg = _with_page_colours(text[text.index("<svg") :])
+    return f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}"
 
 
-def _prepare(made: Figure) -> None:
-    """Take away white grounds, and mark black that stands on a colour of its own: it stays black on any page."""
-    for ax in made.axes:
+def _prepare(figure: Figure) -> None:
+    """Remove white backgrounds, and mark black text on a coloured background, which stays black on the dark page."""
+    for ax in figure.axes:
         if to_hex(ax.get_facecolor()) == "#ffffff":
             ax.set_facecolor("none")
-    for artist in made.findobj(lambda artist: artist.get_gid() == KEEP):
+    for artist in figure.findobj(lambda artist: artist.get_gid() == KEEP_COLOUR):
         for part in ("color", "markeredgecolor", "edgecolor"):
             if hasattr(artist, f"get_{part}") and _is_black(getattr(artist, f"get_{part}")()):
                 artist.set(**{part: _KEPT})
-        artist.set_gid(None)  # one name on several parts is none in an SVG
+        artist.set_gid(None)  # an id may occur only once in an SVG
 
 
 def _is_black(colour: object) -> bool:
     return isinstance(colour, str | tuple) and to_hex(colour) == _BLACK
 
 
-def _in_ink(svg: str) -> str:
-    """What is black, said or left unsaid, in the text's colour; light greys as a thin wash of it."""
+def _with_page_colours(svg: str) -> str:
+    """An SVG with black replaced by the colour of the page's text, and light grey by that colour, transparent."""
     svg = svg.replace(_BLACK, "var(--ink)").replace(_KEPT, "#000").replace(GREY.lower(), "var(--grey)")
-    svg = _PALE.sub(_wash, svg)
+    svg = _LIGHT_GREY.sub(_as_transparent, svg)
     dark = "@media(prefers-color-scheme:dark){:root{--ink:#e3e6e8;--grey:#a9b0b6}}"
     paper = f"@media print{{:root{{--ink:#000;--grey:{GREY}}}}}"
     rules = f"<style>:root{{--ink:#1d2329;--grey:{GREY}}}{dark}{paper}svg{{fill:var(--ink)}}</style>"
     return re.sub(r"(<svg[^>]*>)", rf"\1{rules}", svg, count=1)
 
 
-def _wash(found: re.Match[str]) -> str:
-    """A light grey as ink that lets the page through; white stays white."""
-    level = int(found[1], 16)
-    return found[0] if level == 255 else f"fill: var(--ink); fill-opacity: {(255 - level) / 255:.2f}"
+def _as_transparent(match: re.Match[str]) -> str:
+    """A light grey as the transparent colour of the text; white stays white."""
+    level = int(match[1], 16)
+    return match[0] if level == 255 else f"fill: var(--ink); fill-opacity: {(255 - level) / 255:.2f}"

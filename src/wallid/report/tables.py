@@ -1,4 +1,4 @@
-"""Every number of result.json as tables that a person can read: words for keys, units, columns for series."""
+"""Tables of every number of result.json, with names and units instead of keys."""
 
 from __future__ import annotations
 
@@ -6,91 +6,93 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from .._internal.number_formats import number, quantity, unit
+from .._internal.number_formats import format_number, format_quantity, format_unit
 
-_LONG = 30  # rows: a longer table is closed on the screen, and stays so in print
-_WIDE = 6  # columns: a wider table is turned over
+_LONG = 30  # rows; a longer table is closed until a reader opens it
+_WIDE = 6  # columns; a wider table is transposed
 _HEAD = ("quantity", "value")
-_OWN = ("ranked", "untestable")  # have tables of their own on the page
+_SHOWN_ELSEWHERE = ("ranked", "untestable")  # the template has its own tables for these keys
 
-_WORDS = {
+_NAMES = {
     "schema": "version of result.json's format",
-    "command": "made by",
+    "command": "command",
     "case": "case",
     "verdict": "verdict on missing effects",
-    "diffusivity_before": "diffusivity by the plain model",
+    "diffusivity_before": "diffusivity, plain model",
     "iterations": "Gauss-Newton steps",
-    "model_shift": "shift of the estimate by the reduced model's error, relative",
-    "reason": "why there is no number to rely on",
-    "gap": "gap between model and readings (root mean square)",
+    "model_shift": "shift of the estimate by the error of the reduced-order model, relative",
+    "reason": "why there is no reliable value",
+    "gap": "residual at the inner sensors (root mean square)",
     "before_K": "plain model (K)",
     "after_K": "final model (K)",
-    "floor_K": "what noise alone would leave (K)",
-    "held_out_before_K": "days held out, plain model (K)",
-    "held_out_after_K": "days held out, final model (K)",
-    "eps_2_K": "root mean square of its fit (K)",
+    "floor_K": "expected from noise alone (K)",
+    "held_out_before_K": "held-out days, plain model (K)",
+    "held_out_after_K": "held-out days, final model (K)",
+    "eps_2_K": "residual of its fit, root mean square (K)",
     "coefficients_degC": "coefficients of powers of x/L (°C)",
-    "positions": "position errors (true place minus stated)",
-    "face_positions": "position errors of the faces' sensors (true place minus stated)",
+    "positions": "position errors (true position minus stated)",
+    "face_positions": "position errors of the face sensors (true position minus stated)",
     "offsets": "sensor offsets (reading minus truth)",
-    "interval": "how the interval was found",
-    "variance_shares": "share of the variance from",
+    "interval": "method of the interval",
+    "variance_shares": "shares of the variance by source",
     "history": "convergence of the estimate, step by step",
     "gamma_1": "change of the cost, relative",
     "gamma_2": "change of the diffusivity, relative",
     "starts": "criterion by start day",
-    "design": "design: which days tell most",
+    "design": "experiment design",
     "diffusivities": "at diffusivities (m²/s)",
     "expected_relative_std": "expected standard error, relative",
-    "lengths": "what a longer window gives and costs",
-    "seconds": "seconds taken",
-    "orders": "error of the reduced model by order (dimensionless)",
-    "reduced_model": "reduced model (errors dimensionless)",
+    "lengths": "criterion and computing time by window length",
+    "seconds": "computing time (s)",
+    "orders": "error of the reduced-order model by order (dimensionless)",
+    "reduced_model": "reduced-order model (errors dimensionless)",
     "eps_inf_u": "largest error, temperature",
     "eps_inf_theta": "largest error, sensitivity",
     "eps_2_u": "root mean square error, temperature",
     "eps_2_theta": "root mean square error, sensitivity",
-    "reliability": "whole record against the prediction",
+    "reliability": "prediction over the entire record",
     "rms_prior_K": "rms residual with the prior (K)",
     "rms_K": "rms residual with the estimate (K)",
-    "noise_K": "what the stated noise would leave (K)",
-    "sigma_K": "uncertainty by noise and position (K)",
-    "loads": "heat through the inner face",
+    "noise_K": "expected from the stated noise alone (K)",
+    "sigma_K": "standard uncertainty from noise and position (K)",
+    "loads": "heat load through the inner face",
     "diffusivity_factor": "diffusivity over the estimate",
     "energy_J_per_m2": "energy (J/m²)",
-    "flux_gap": "gap between model and fluxes (root mean square)",
+    "flux_gap": "residual of the fluxes (root mean square)",
     "after_W_per_m2": "final model (W/m²)",
-    "floor_W_per_m2": "what noise alone would leave (W/m²)",
+    "floor_W_per_m2": "expected from noise alone (W/m²)",
     "plate_gains": "calibration errors of the flux plates (relative)",
     "iso_9869": "average method (ISO 9869-1)",
     "p_value": "p-value",
     "step_s": "step (s)",
     "rms_W_per_m2": "root mean square (W/m²)",
     "coverage_95": "share within the 95 % interval",
-    "effects": "effects named",
-    "expected_gain": "expected drop of −2 log L",
-    "gain": "drop of −2 log L",
+    "effects": "identified effects",
+    "expected_gain": "expected gain (decrease of −2 log L)",
+    "gain": "gain (decrease of −2 log L)",
     "noise": "noise",
-    "over_stated": "size over the stated",
-    "lasting_share": "share of variance that lasts from row to row",
-    "correlation": "correlation from row to row",
-    "left_over": "omnibus test of what is left",
+    "over_stated": "standard deviation over the stated one",
+    "lasting_share": "autocorrelated share of the variance",
+    "correlation": "correlation between consecutive rows",
+    "left_over": "omnibus test of the residual",
     "p_before": "p-value, plain model",
     "p_after": "p-value, final model",
-    "smallest": "smallest size that would have shown",
-    "read_as": "read as",
-    "done": "done while reading",
+    "smallest": "smallest detectable size of each effect",
+    "read_as": "format of the file",
+    "done": "cleaning steps",
     "parts": "unbroken parts",
     "end": "end (the row after the last)",
     "missing": "readings missing",
-    "each": "one by one",
-    "alternatives": "cannot be told from",
-    "seconds_per_estimate": "time of one estimate (s)",
-    "sentence": "in words",
+    "each": "single windows",
+    "alternatives": "rival effects (indistinguishable)",
+    "seconds_per_estimate": "computing time of an estimate (s)",
+    "sentence": "summary",
+    "structure": "further wall parameters",
+    "collinearity": "collinearity index of parameter sets (above 10: not identifiable together)",
 }
 _UNITS = {("loads", "conductivity"): "W/m/K", ("history", "diffusivity"): "m²/s", ("places", "m"): "from the left face"}
 _SHARED = ("resistance", "resistance_without_stored_heat", "std", "interval_95", "place", "size")
-"""What a unit that stands beside several numbers is the unit of."""
+"""Keys to which the unit of their dict applies."""
 
 
 @dataclass(frozen=True)
@@ -98,9 +100,9 @@ class Table:
     """A table of numbers.
 
     Args:
-        title: what it is of.
-        head: of its columns.
-        rows: cells, the first of each names the row.
+        title: of the table.
+        head: names of the columns.
+        rows: cells; the first of each row is its name.
     """
 
     title: str
@@ -109,34 +111,40 @@ class Table:
 
     @property
     def long(self) -> bool:
-        """Whether it is closed until asked for."""
+        """Whether the table is closed until a reader opens it."""
         return len(self.rows) > _LONG
 
 
-def tables(result: dict[str, Any]) -> list[Table]:
-    """Every number of result.json: one table of what has no parts, and those of each of its parts."""
+def number_tables(result: dict[str, Any], diffusivity: str = "") -> list[Table]:
+    """Tables of every number of result.json.
+
+    Args:
+        result: contents of result.json.
+        diffusivity: name of the final diffusivity, which states its data and model.
+
+    Returns:
+        A table of the plain entries, then the tables of each nested entry.
+    """
     plain: list[tuple[str, ...]] = []
     parts: list[Table] = []
     for key, value in result.items():
-        if key in _OWN:
+        if key in _SHOWN_ELSEWHERE:
             continue
         if isinstance(value, dict | list) and value and not _is_quantity(value):
             parts += _Part(key, value).tables()
+        elif key == "verdict" and value is None:
+            plain.append((key_as_text(key), "not requested (wallid diagnose)"))
         else:
-            plain.append((words(key), _said(key, value)))
+            name = diffusivity if key == "diffusivity" and diffusivity else key_as_text(key)
+            plain.append((name, _cell(value)))
     return [Table("overview", _HEAD, plain), *parts]
 
 
-def _said(key: str, value: Any) -> str:
-    """A plain value; a verdict that was not asked for says so."""
-    return "not asked for (wallid diagnose)" if key == "verdict" and value is None else _cell(value)
-
-
 class _Part:
-    """What a part of result.json becomes: a table of its own numbers, and further ones of what stands in columns."""
+    """The tables of a nested entry of result.json: one of its single values, and one for each of its series."""
 
     def __init__(self, key: str, value: Any):
-        self.title = words(key)
+        self.title = key_as_text(key)
         self.rows: list[tuple[str, ...]] = []
         self.further: list[Table] = []
         self._add(key, "", value)
@@ -146,9 +154,9 @@ class _Part:
         return [*own, *self.further]
 
     def _add(self, key: str, name: str, value: Any) -> None:
-        """Put a value under its name among the rows, or among the further tables."""
+        """Add a value to the rows, or as further tables."""
         if (columns := _columns(key, value)) is not None:
-            self._stand(name, *columns)
+            self._add_table(name, *columns)
         elif isinstance(value, dict) and not _is_quantity(value):
             self._add_entries(key, name, value)
         elif isinstance(value, list) and any(isinstance(item, dict) for item in value):
@@ -161,22 +169,24 @@ class _Part:
             self.rows.append((name, _cell(value)))
 
     def _add_entries(self, key: str, name: str, value: dict[str, Any]) -> None:
-        """The entries of a dict, those that go side by side as a table."""
+        """Add the entries of a dict; series of equal length become the columns of one table."""
         series, names = _series(value), tuple(value.get("parameters", ()))
         if series:
             rows = zip(*(value[one] for one in series), strict=True)
-            self._stand(name, tuple(words(one, key) for one in series), [tuple(map(number, row)) for row in rows])
+            self._add_table(
+                name, tuple(key_as_text(one, key) for one in series), [tuple(map(format_number, row)) for row in rows]
+            )
         for one, item in value.items():
             if one in series or one == "unit":
                 continue
             if one == "correlations":
-                rows = [(own, *(number(x, 2) for x in row)) for own, row in zip(names, item, strict=True)]
-                self._stand("correlations of the parameters", ("", *names), rows)
+                rows = [(own, *(format_number(x, 2) for x in row)) for own, row in zip(names, item, strict=True)]
+                self._add_table("correlations of the parameters", ("", *names), rows)
             else:
                 self._add(one, f"{name} {_label(one, key, value)}".strip(), item)
 
-    def _stand(self, name: str, head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
-        """A table of its own."""
+    def _add_table(self, name: str, head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+        """Add a further table."""
         self.further.append(Table(f"{self.title}: {name}" if name else self.title, head, rows))
 
 
@@ -185,29 +195,29 @@ def _is_quantity(value: Any) -> bool:
 
 
 def _cell(value: Any) -> str:
-    return quantity(value) if _is_quantity(value) else number(value)
+    return format_quantity(value) if _is_quantity(value) else format_number(value)
 
 
-def _label(key: str, part: str, beside: dict[str, Any]) -> str:
-    """A key in words, with the unit that stands beside it where it is its own."""
-    shared = unit(beside.get("unit") or "-") if key in _SHARED else ""
-    return words(key, part) + (f" ({shared})" if shared else "")
+def _label(key: str, part: str, entries: dict[str, Any]) -> str:
+    """Name of a key, with the unit of its dict where that unit applies to it."""
+    shared = format_unit(entries.get("unit") or "-") if key in _SHARED else ""
+    return key_as_text(key, part) + (f" ({shared})" if shared else "")
 
 
 def _series(value: dict[str, Any]) -> list[str]:
-    """The keys of a dict whose lists of numbers go side by side, as long as each other; none where fewer than two."""
+    """Keys of a dict whose lists of numbers are equally long; none where there are fewer than two."""
     lists = {
         one: len(item)
         for one, item in value.items()
         if isinstance(item, list) and len(item) > 1 and all(isinstance(x, int | float | str | None) for x in item)
     }
     size = max(lists.values(), default=0)
-    found = [one for one, count in lists.items() if count == size and one not in ("interval_95", "parameters")]
-    return found if len(found) > 1 else []
+    keys = [one for one, count in lists.items() if count == size and one not in ("interval_95", "parameters")]
+    return keys if len(keys) > 1 else []
 
 
 def _columns(key: str, value: Any) -> tuple[tuple[str, ...], list[tuple[str, ...]]] | None:
-    """Head and rows of what is a table already: parts that all have the same plain entries."""
+    """Head and rows of an entry whose parts all have the same plain entries; None for any other entry."""
     if not isinstance(value, dict | list) or not value:
         return None
     named = value if isinstance(value, dict) else {str(count): item for count, item in enumerate(value)}
@@ -222,9 +232,9 @@ def _columns(key: str, value: Any) -> tuple[tuple[str, ...], list[tuple[str, ...
     if isinstance(value, list):
         return tuple(head), [tuple(row) for row in rows]
     names = [name.replace("_", " ") for name in named]
-    whole = [["", *head], *([name, *row] for name, row in zip(names, rows, strict=True))]
-    turned = [tuple(row) for row in (zip(*whole, strict=True) if len(head) > _WIDE else whole)]
-    return turned[0], turned[1:]
+    table = [["", *head], *([name, *row] for name, row in zip(names, rows, strict=True))]
+    oriented = [tuple(row) for row in (zip(*table, strict=True) if len(head) > _WIDE else table)]
+    return oriented[0], oriented[1:]
 
 
 def _plain(value: Any) -> bool:
@@ -234,19 +244,19 @@ def _plain(value: Any) -> bool:
     return not isinstance(value, list) or not any(isinstance(item, dict | list) for item in value)
 
 
-def words(key: str, part: str = "") -> str:
-    """A key of result.json in words, its unit at the end in parentheses.
+def key_as_text(key: str, part: str = "") -> str:
+    """Name of a key of result.json, with its unit in parentheses.
 
     Args:
-        part: the key that it stands under.
+        part: key of the entry that contains it.
     """
     if part == "effects" and key == "parameters":
         return ""
     if (own := _UNITS.get((part, key))) is not None:
         return f"{key.replace('_', ' ')} ({own})"
-    if key in _WORDS and part not in ("parameters", "variance_shares"):  # names there are a person's already
-        return _WORDS[key]
+    if key in _NAMES and part not in ("parameters", "variance_shares"):  # these contain names, not keys
+        return _NAMES[key]
     match = re.fullmatch(r"(.*)_(K|J_per_m2|W_per_m2|degC)", key)
-    stem, found = match.groups() if match else (key, "")
-    shown = {"J_per_m2": "J/m²", "W_per_m2": "W/m²", "degC": "°C"}.get(found, found)
+    stem, unit = match.groups() if match else (key, "")
+    shown = {"J_per_m2": "J/m²", "W_per_m2": "W/m²", "degC": "°C"}.get(unit, unit)
     return stem.replace("_", " ") + (f" ({shown})" if shown else "")

@@ -1,4 +1,4 @@
-"""The effects that may be missing from the plain model; see `terms` for how they compose."""
+"""The effects that the plain model may miss; `equation_terms` states the equations that they change."""
 
 from ...case.wall_and_sensors import SIDES
 from .base import AbstractEffect, Parameter
@@ -27,7 +27,7 @@ from .material import (
     latent_capacity,
     latent_heat,
 )
-from .search_range import Search, record_search
+from .search_range import SearchRange, search_range_of_record
 from .sensors import ClockShift, SensorDrift, SensorGain, SensorLag, SensorOffset, SensorPosition
 
 __all__ = [
@@ -52,7 +52,7 @@ __all__ = [
     "PhaseChange",
     "PlacedHourlySource",
     "PlacedSource",
-    "Search",
+    "SearchRange",
     "SensorDrift",
     "SensorGain",
     "SensorLag",
@@ -70,6 +70,6 @@ __all__ = [
     "latent_capacity",
     "latent_heat",
     "library",
-    "record_search",
+    "search_range_of_record",
     "untestable",
 ]

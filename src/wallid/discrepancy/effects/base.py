@@ -1,4 +1,4 @@
-"""What an effect is: something that may be missing from the plain model, which is back where its size is 0."""
+"""The interface of an effect: a change of the equations that vanishes where its size is 0."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from jaxtyping import Array
 
 from ..._internal.arrays import on_device
 from .equation_terms import ForcingData, Terms
-from .search_range import Search
+from .search_range import SearchRange
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,84 +22,82 @@ class Parameter:
 
     Args:
         name: as in result.json.
-        unit: of `name`.
-        scale: a typical size, by which the search is scaled.
-        worth: the smallest size worth reporting; None for a parameter that only says where or when.
-        least, most: bounds; None where there is none (or where it follows from the wall or the record).
+        unit: unit of the value.
+        scale: typical magnitude.
+        smallest_reported: smallest size that is reported; None for a position, time or temperature.
+        lower: lower bound; None where there is none, or where it follows from the wall or the record.
+        upper: upper bound; None likewise.
     """
 
     name: str
     unit: str
     scale: float
-    worth: float | None = None
-    least: float | None = None
-    most: float | None = None
+    smallest_reported: float | None = None
+    lower: float | None = None
+    upper: float | None = None
 
     @property
     def is_size(self) -> bool:
-        """Whether its neutral value 0 gives the plain model back."""
-        return self.worth is not None
+        """Whether it is the size, which is 0 in the plain model."""
+        return self.smallest_reported is not None
 
 
 class AbstractEffect(eqx.Module):
-    """An effect at its parameters' values; every parameter is a field of the same name.
+    """An effect at some values of its parameters; each parameter is a field of the same name.
 
-    Class attributes: `name`, `parameters` (the first is the size, 0 where neutral), `linear` (whether the
-    wall stays linear and its coefficients constant in time), `needs` (regressors).
+    Class attributes: `name`; `variant`, the form of the effect where it has several; `parameters`, of which the first
+    is the size, 0 in the plain model; `linear`, whether the wall remains linear with coefficients constant in time;
+    `needs`, the regressors that the record must have.
     """
 
     name: ClassVar[str]
+    variant: ClassVar[str] = ""
     parameters: ClassVar[tuple[Parameter, ...]]
     linear: ClassVar[bool] = True
     needs: ClassVar[tuple[str, ...]] = ()
 
     @property
     def target(self) -> str | int | None:
-        """Which face, air or (as a number) inner sensor it is about; None for the wall as a whole."""
+        """The face, the air, or the index of the inner sensor; None for the entire wall."""
         return None
-
-    @property
-    def variant(self) -> str:
-        """Which form of the effect, where it has several."""
-        return ""
 
     @property
     def event(self) -> tuple[float, float] | None:
-        """When it begins and how long it lasts, s, of what happens once; None of what lasts all the record."""
+        """Start and duration of a single event, s; None for an effect that acts during the entire record."""
         return None
 
     @abc.abstractmethod
-    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
-        """The terms with this effect in."""
+    def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
+        """The terms with this effect added."""
 
-    def required(self) -> tuple[str, ...]:
-        """The regressors that a record needs for this effect."""
+    def required_regressors(self) -> tuple[str, ...]:
+        """The regressors that the record must have for this effect."""
         return self.needs
 
-    def scan(self, search: Search) -> Iterator[dict[str, float]]:
-        """The grid of places, times or temperatures on which the screen looks for the effect."""
-        del search
+    def scan(self, search_range: SearchRange) -> Iterator[dict[str, float]]:
+        """The grid of positions, times or temperatures at which the score test evaluates the effect."""
+        del search_range
         yield {}
 
-    def bounds(self, parameter: Parameter, search: Search) -> tuple[float, float]:
-        """Between which values a parameter is searched."""
-        del search
+    def bounds(self, parameter: Parameter, search_range: SearchRange) -> tuple[float, float]:
+        """Lower and upper bound of a parameter."""
+        del search_range
         infinity = float("inf")
         return (
-            -infinity if parameter.least is None else parameter.least,
-            infinity if parameter.most is None else parameter.most,
+            -infinity if parameter.lower is None else parameter.lower,
+            infinity if parameter.upper is None else parameter.upper,
         )
 
     def at(self, values: dict[str, Any]) -> AbstractEffect:
-        """The same effect at other values of its parameters."""
+        """The effect at other values of its parameters."""
         return dataclasses.replace(self, **values)
 
 
-def not_below(value: Array, least: float) -> Array:
-    """The value, or the bound where it lies beyond; its slope at the bound is that from within."""
+def lower_bounded(value: Array, least: float) -> Array:
+    """The larger of a value and a bound; at the bound its derivative is that of the value."""
     return jnp.where(value >= least, value, least)
 
 
-def number(value: float = 0.0) -> Any:
-    """A field for a parameter: an array, so that a new value is not compiled anew."""
-    return eqx.field(converter=lambda given: jnp.asarray(on_device(given), dtype=float), default=value)
+def parameter_field(value: float = 0.0) -> Any:
+    """A dataclass field for a parameter: an array, so that a new value needs no new compilation."""
+    return eqx.field(converter=lambda number: jnp.asarray(on_device(number), dtype=float), default=value)

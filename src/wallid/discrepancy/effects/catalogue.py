@@ -1,4 +1,4 @@
-"""Every effect that the package knows, for a record with these sensors and regressors."""
+"""The library of effects."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from .sensors import ClockShift, SensorDrift, SensorGain, SensorLag, SensorOffse
 
 _PER_SENSOR = (SensorPosition, SensorLag, SensorOffset, SensorGain, SensorDrift)
 _PER_FACE = (FaceOffset, FaceLag, FaceDepth, SurfaceFilm, SolarGain)
-_WHOLE = (
+_PER_WALL = (
     ClockShift,
     LayeredConductivity,
     LayeredCapacity,
@@ -48,35 +48,35 @@ _WHOLE = (
     DiffusivityDrift,
     WettingByRain,
 )
-LIBRARY: tuple[type[AbstractEffect], ...] = (*_PER_SENSOR, *_PER_FACE, LateralLoss, *_WHOLE)
-"""Every kind of effect."""
+LIBRARY: tuple[type[AbstractEffect], ...] = (*_PER_SENSOR, *_PER_FACE, LateralLoss, *_PER_WALL)
+"""All classes of effects."""
 
 
-def _every(sensors: int) -> list[AbstractEffect]:
-    """Every effect at every target, neutral."""
-    found: list[AbstractEffect] = []
-    found += [kind(sensor=sensor) for kind in _PER_SENSOR for sensor in range(sensors)]
-    found += [kind(side=side) for kind in _PER_FACE for side in SIDES]
-    found += [LateralLoss(air=air) for air in AIRS]
-    found += [kind() for kind in _WHOLE]
-    return found
+def _all_effects(sensors: int) -> list[AbstractEffect]:
+    """Every effect at every target, at its neutral value."""
+    return [
+        *(effect(sensor=sensor) for effect in _PER_SENSOR for sensor in range(sensors)),
+        *(effect(side=side) for effect in _PER_FACE for side in SIDES),
+        *(LateralLoss(air=air) for air in AIRS),
+        *(effect() for effect in _PER_WALL),
+    ]
 
 
 def library(sensors: int, logged: Collection[str]) -> tuple[AbstractEffect, ...]:
-    """The effects that a record can be searched for, neutral.
+    """The effects that a record can be tested for, at their neutral values.
 
     Args:
-        sensors: how many are inside the wall.
-        logged: the record's regressors.
+        sensors: number of inner sensors.
+        logged: names of the regressors in the record.
     """
-    return tuple(effect for effect in _every(sensors) if set(effect.required()) <= set(logged))
+    return tuple(effect for effect in _all_effects(sensors) if set(effect.required_regressors()) <= set(logged))
 
 
 def untestable(sensors: int, logged: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """The effects that need what was not logged: name -> the regressors missing."""
+    """The effects that need regressors which were not logged, with these regressors."""
     missing: dict[str, set[str]] = {}
-    for effect in _every(sensors):
-        lacks = set(effect.required()) - set(logged)
-        if lacks and effect.name != "heat_source":
-            missing.setdefault(effect.name, set()).update(lacks)
-    return {name: tuple(sorted(lacks)) for name, lacks in missing.items()}
+    for effect in _all_effects(sensors):
+        absent = set(effect.required_regressors()) - set(logged)
+        if absent and effect.name != "heat_source":
+            missing.setdefault(effect.name, set()).update(absent)
+    return {name: tuple(sorted(absent)) for name, absent in missing.items()}

@@ -1,12 +1,12 @@
-"""What of a wall's equation, its faces and its readings effects change; all of it zero, or absent, in the plain model.
+"""The terms of the heat equation, of the boundary conditions and of the readings that effects change.
 
-The plain model is one homogeneous (or stated) wall between two measured faces. `Terms` holds everything
-that may be missing from it, at its neutral value; an effect adds its own to these, and so effects compose
-in any number and any order::
+The plain model is a homogeneous (or stated) wall between two measured faces. `Terms` holds all terms that it may
+miss, at their neutral values. Each effect adds to some of them, so effects combine in any number and order::
 
     dT/dt = 1/gamma(T, x) d/dx (alpha s(t) kappa(T, x) dT/dx) - v dT/dx + sum_a s_a (T_a - T) + q(x, t)
 
-with `gamma` and `kappa` relative to the wall's effective capacity and conductivity.
+with gamma and kappa relative to the effective heat capacity and conductivity of the wall, the factor s(t) of the
+diffusivity, the air velocity v, the loss coefficients s_a to the air temperatures T_a, and heat sources q in K/s.
 """
 
 from __future__ import annotations
@@ -22,28 +22,31 @@ from jaxtyping import Array, Float
 POWERS = 4
 """Coefficients of a cubic between two rows, in powers of s from 0 to 1."""
 CONSTANT = np.eye(POWERS)[0]
-"""Of a course that is 1 all the time."""
+"""Coefficients of a signal that is 1 at all times."""
 DERIVATIVE = np.diag(np.arange(1.0, POWERS), -1)
-"""`c @ DERIVATIVE` are the coefficients of the derivative by s."""
+"""`c @ DERIVATIVE` are the coefficients of the derivative with respect to s."""
 
 
 class ForcingData(eqx.Module):
-    """What a wall was driven with over some rows, and where it was read.
+    """The face temperatures and regressors of a record, the nodes of the wall and the stated sensor positions.
 
-    Between rows everything is a monotone cubic `sum_j c_j s^j`, s from 0 at a row to 1 at the next.
+    Between rows each signal is a monotone cubic `sum_j c_j s^j`, with s from 0 at a row to 1 at the next.
 
     Args:
         step: from row to row, s.
         faces: coefficients of the two face readings, degC.
-        irradiance: W/m2. outdoor, indoor: air, degC. heating: 1 (0 to 1). Zeros where not logged.
-        hour: of the day, h, at each row.
-        start_profile: temperature at the first row, a straight line between the faces at each end, degC.
+        irradiance: coefficients of the irradiance, W/m2; zeros where not logged, as for the next three.
+        outdoor: coefficients of the outdoor air temperature, degC.
+        indoor: coefficients of the indoor air temperature, degC.
+        heating: coefficients of the heating relative to its largest value, -.
+        hour: hour of the day at each row but the last, h.
+        start_profile: temperatures of the two faces at the first row, degC; the initial profile is linear.
         reference: T0, the mean of all face and inner readings, degC.
-        places: of the nodes, faces included, m.
-        resistance: of each cell between nodes, over that of a metre of the wall's effective material, m.
-        capacity: of each node's cell, over that of a metre, m.
-        position: of the inner sensors as stated, m.
-        length: of the wall, m.
+        node_positions: positions of the nodes, faces included, m.
+        resistance: of each cell between nodes times the effective conductivity of the wall, m.
+        capacity: of the cell of each node over the effective volumetric capacity of the wall, m.
+        sensor_positions: stated positions of the inner sensors, m.
+        length: length of the wall, m.
     """
 
     step: Float[Array, ""]
@@ -55,27 +58,34 @@ class ForcingData(eqx.Module):
     hour: Float[Array, " interval"]
     start_profile: Float[Array, " face"]
     reference: Float[Array, ""]
-    places: Float[Array, " node"]
+    node_positions: Float[Array, " node"]
     resistance: Float[Array, " cell"]
     capacity: Float[Array, " node"]
-    position: Float[Array, " sensor"]
+    sensor_positions: Float[Array, " sensor"]
     length: Float[Array, ""]
 
     @property
     def intervals(self) -> int:
-        """Rows less one."""
+        """Number of intervals between rows."""
         return self.faces.shape[0]
 
 
 class Step(NamedTuple):
-    """A step of a logarithm, or a joint, at a place (m)."""
+    """A step of ln(k) or ln(rho c), or a joint of some thickness (m), at a position (m)."""
 
     size: Array
-    place: Array
+    position: Array
+
+
+class LatentHeat(NamedTuple):
+    """A peak of the heat capacity with an area (K) at a temperature (degC)."""
+
+    area: Array
+    temperature: Array
 
 
 class Wetting(NamedTuple):
-    """A diffusivity that jumps by a factor 1 + `jump` at `time` (s) and comes back with `time_constant` (s)."""
+    """A jump of the diffusivity by the factor `1 + jump` at `time` (s) that decays with `time_constant` (s)."""
 
     jump: Array
     time_constant: Array
@@ -83,79 +93,82 @@ class Wetting(NamedTuple):
 
 
 class Source(NamedTuple):
-    """Heat: `rate` (K/s) times `shape` at the nodes (None: everywhere 1) times a course in time."""
+    """A heat source: `rate` (K/s) times a signal, about a position (m; None for the entire wall)."""
 
     rate: Array
-    place: Array | None
-    course: Float[Array, "interval power"]
+    position: Array | None
+    signal: Float[Array, "interval power"]
 
 
 class Terms(eqx.Module):
-    """Everything that effects change, at its neutral value; see the module for the equation.
+    """The terms that effects change; see the module for the equation.
 
     Args:
-        faces: what the model takes for the two readings, degC.
-        depth: how deep inside the wall each face's reading is, m.
+        faces: coefficients of the face temperatures that drive the model, degC.
+        depth: depth of each face sensor inside the wall, m.
         film: conductivity over film coefficient at each face, m.
-        conductivity_steps, capacity_steps: log ratio right over left of a place.
-        joints: resistance times conductivity at a place, m.
-        conductivity_slope, capacity_slope: about T0, 1/K.
-        latent: (area in K, temperature in degC) of bumps of the capacity.
-        drift: of the diffusivity, 1/day. wettings: jumps of it.
-        loss: to outdoor and indoor air, 1/s. velocity: m/s. sources: of heat.
-        position: of each sensor beyond the stated one, m. lag: s. delay: of all inner rows, s.
-        gain: 1. offset: K. rate: K/day.
+        conductivity_steps: steps of ln(k).
+        capacity_steps: steps of ln(rho c).
+        joints: thicknesses and positions of joints.
+        conductivity_slope: relative change of k with temperature about T0, 1/K.
+        capacity_slope: relative change of rho c with temperature about T0, 1/K.
+        latent: phase changes.
+        drift: relative change of the diffusivity, 1/day.
+        wettings: jumps of the diffusivity.
+        loss: loss coefficients to outdoor and indoor air, 1/s.
+        velocity: air velocity, m/s.
+        sources: heat sources.
+        position: position error of each inner sensor, m.
+        lag: time constant of each inner sensor, s.
+        delay: delay of the clock of the inner sensors, s.
+        gain: gain error of each inner sensor, -.
+        offset: offset of each inner sensor, K.
+        rate: drift of each inner sensor, K/day.
     """
 
     faces: Float[Array, "interval power face"]
     depth: Float[Array, " face"]
     film: Float[Array, " face"]
-    conductivity_steps: tuple[Step, ...]
-    capacity_steps: tuple[Step, ...]
-    joints: tuple[Step, ...]
     conductivity_slope: Float[Array, ""]
     capacity_slope: Float[Array, ""]
-    latent: tuple[Step, ...]
     drift: Float[Array, ""]
-    wettings: tuple[Wetting, ...]
     loss: Float[Array, " air"]
     velocity: Float[Array, ""]
-    sources: tuple[Source, ...]
     position: Float[Array, " sensor"]
     lag: Float[Array, " sensor"]
     delay: Float[Array, ""]
     gain: Float[Array, " sensor"]
     offset: Float[Array, " sensor"]
     rate: Float[Array, " sensor"]
+    conductivity_steps: tuple[Step, ...] = ()
+    capacity_steps: tuple[Step, ...] = ()
+    joints: tuple[Step, ...] = ()
+    latent: tuple[LatentHeat, ...] = ()
+    wettings: tuple[Wetting, ...] = ()
+    sources: tuple[Source, ...] = ()
 
     @classmethod
-    def plain(cls, campaign: ForcingData) -> Terms:
-        """The terms of a wall from which nothing is missing."""
-        zero, two = jnp.zeros(()), jnp.zeros(2)
-        each = jnp.zeros_like(campaign.position)
+    def plain(cls, forcing: ForcingData) -> Terms:
+        """The terms of the plain model."""
+        scalar, pair = jnp.zeros(()), jnp.zeros(2)
+        per_sensor = jnp.zeros_like(forcing.sensor_positions)
         return cls(
-            faces=campaign.faces,
-            depth=two,
-            film=two,
-            conductivity_steps=(),
-            capacity_steps=(),
-            joints=(),
-            conductivity_slope=zero,
-            capacity_slope=zero,
-            latent=(),
-            drift=zero,
-            wettings=(),
-            loss=two,
-            velocity=zero,
-            sources=(),
-            position=each,
-            lag=each,
-            delay=zero,
-            gain=each,
-            offset=each,
-            rate=each,
+            faces=forcing.faces,
+            depth=pair,
+            film=pair,
+            conductivity_slope=scalar,
+            capacity_slope=scalar,
+            drift=scalar,
+            loss=pair,
+            velocity=scalar,
+            position=per_sensor,
+            lag=per_sensor,
+            delay=scalar,
+            gain=per_sensor,
+            offset=per_sensor,
+            rate=per_sensor,
         )
 
     def add(self, **changes: Any) -> Terms:
-        """These terms with something added to some: numbers are added up, tuples are joined."""
+        """The terms with changes added: numbers are added, tuples are concatenated."""
         return dataclasses.replace(self, **{name: getattr(self, name) + change for name, change in changes.items()})

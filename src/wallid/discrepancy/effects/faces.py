@@ -1,4 +1,4 @@
-"""Effects at the two faces: what their sensors read, and what reaches the wall."""
+"""Effects at the two faces: errors of the face sensors and heat transfer at the surface."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from ..._internal.units import DAY
 from ...case.wall_and_sensors import SIDES, Side
-from .base import AbstractEffect, Parameter, not_below, number
+from .base import AbstractEffect, Parameter, lower_bounded, parameter_field
 from .equation_terms import CONSTANT, DERIVATIVE, ForcingData, Terms
 
 
@@ -25,78 +25,78 @@ class _OneFace(AbstractEffect):
         return self.side
 
     @property
-    def _here(self) -> np.ndarray:
+    def _mask(self) -> np.ndarray:
         """1 at this face, 0 at the other."""
         return np.array([float(side == self.side) for side in SIDES])
 
 
 class FaceOffset(_OneFace):
-    """`T_face = reading - offset`."""
+    """Offset of a face sensor: `T_face = reading - offset`."""
 
     name: ClassVar[str] = "face_offset"
-    parameters: ClassVar = (Parameter("offset", "K", 0.2, worth=0.05),)
+    parameters: ClassVar = (Parameter("offset", "K", 0.2, smallest_reported=0.05),)
     side: Side = eqx.field(static=True, default="left")
-    offset: Float[Array, ""] = number()
+    offset: Float[Array, ""] = parameter_field()
 
-    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
-        """The terms with this effect in."""
-        return terms.add(faces=-self.offset * (CONSTANT[:, None] * self._here))
+    def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
+        """The terms with this effect added."""
+        return terms.add(faces=-self.offset * (CONSTANT[:, None] * self._mask))
 
 
 class FaceLag(_OneFace):
-    """`T_face = reading + time_constant d(reading)/dt`, of the monotone cubic through the readings."""
+    """Lag of a face sensor: `T_face = reading + time_constant d(reading)/dt`, by the cubic between rows."""
 
     name: ClassVar[str] = "face_lag"
-    parameters: ClassVar = (Parameter("time_constant", "s", 600.0, worth=120.0, least=0.0, most=2 * DAY),)
+    parameters: ClassVar = (Parameter("time_constant", "s", 600.0, smallest_reported=120.0, lower=0.0, upper=2 * DAY),)
     side: Side = eqx.field(static=True, default="left")
-    time_constant: Float[Array, ""] = number()
+    time_constant: Float[Array, ""] = parameter_field()
 
-    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
-        """The terms with this effect in."""
-        reading = campaign.faces[:, :, SIDES.index(self.side)]
-        slope = reading @ DERIVATIVE / campaign.step
-        return terms.add(faces=not_below(self.time_constant, 0.0) * slope[:, :, None] * self._here)
+    def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
+        """The terms with this effect added."""
+        reading = forcing.faces[:, :, SIDES.index(self.side)]
+        slope = reading @ DERIVATIVE / forcing.step
+        return terms.add(faces=lower_bounded(self.time_constant, 0.0) * slope[:, :, None] * self._mask)
 
 
 class FaceDepth(_OneFace):
-    """The face's sensor sits `depth` inside the wall: the modelled wall begins there."""
+    """A face sensor at `depth` inside the wall: the modelled wall begins at `x = depth`, of length `L - depth`."""
 
     name: ClassVar[str] = "face_depth"
-    parameters: ClassVar = (Parameter("depth", "m", 5e-3, worth=2e-3, least=0.0),)
+    parameters: ClassVar = (Parameter("depth", "m", 5e-3, smallest_reported=2e-3, lower=0.0),)
     side: Side = eqx.field(static=True, default="left")
-    depth: Float[Array, ""] = number()
+    depth: Float[Array, ""] = parameter_field()
 
-    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
-        """The terms with this effect in."""
-        return terms.add(depth=not_below(self.depth, 0.0) * self._here)
+    def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
+        """The terms with this effect added."""
+        return terms.add(depth=lower_bounded(self.depth, 0.0) * self._mask)
 
-    def bounds(self, parameter, search):
-        """Not as deep as the nearest sensor."""
-        return 0.0, 0.9 * search.clear[SIDES.index(self.side)]
+    def bounds(self, parameter, search_range):
+        """Depths less than that of the nearest inner sensor."""
+        return 0.0, 0.9 * search_range.face_clearance[SIDES.index(self.side)]
 
 
 class SolarGain(_OneFace):
-    """`T_face = reading + gain G`, G the irradiance on the outer face."""
+    """Solar gain of a face: `T_face = reading + gain G`, with the irradiance G on the outer face in W/m2."""
 
     name: ClassVar[str] = "solar_gain"
-    parameters: ClassVar = (Parameter("gain", "K m2/W", 2e-3, worth=2e-4),)
+    parameters: ClassVar = (Parameter("gain", "K m2/W", 2e-3, smallest_reported=2e-4),)
     needs: ClassVar[tuple[str, ...]] = ("irradiance",)
     side: Side = eqx.field(static=True, default="left")
-    gain: Float[Array, ""] = number()
+    gain: Float[Array, ""] = parameter_field()
 
-    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
-        """The terms with this effect in."""
-        return terms.add(faces=self.gain * campaign.irradiance[:, :, None] * self._here)
+    def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
+        """The terms with this effect added."""
+        return terms.add(faces=self.gain * forcing.irradiance[:, :, None] * self._mask)
 
 
 class SurfaceFilm(_OneFace):
-    """`k dT/dn = h (T_read - T_face)`, n outward: the reading is the air's; film_length = k/h."""
+    """Surface film: `k dT/dn = h (reading - T_face)`, n outward; the reading is that of the air, film_length = k/h."""
 
     name: ClassVar[str] = "surface_film"
-    parameters: ClassVar = (Parameter("film_length", "m", 0.02, worth=2e-3, least=0.0, most=10.0),)
+    parameters: ClassVar = (Parameter("film_length", "m", 0.02, smallest_reported=2e-3, lower=0.0, upper=10.0),)
     side: Side = eqx.field(static=True, default="left")
-    film_length: Float[Array, ""] = number()
+    film_length: Float[Array, ""] = parameter_field()
 
-    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
-        """The terms with this effect in."""
-        return terms.add(film=not_below(self.film_length, 0.0) * self._here)
+    def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
+        """The terms with this effect added."""
+        return terms.add(film=lower_bounded(self.film_length, 0.0) * self._mask)

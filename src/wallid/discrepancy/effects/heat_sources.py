@@ -1,4 +1,4 @@
-"""Effects that bring heat in or take it away inside the wall."""
+"""Effects that add or remove heat inside the wall: heat sources, lateral loss, air flow."""
 
 from __future__ import annotations
 
@@ -10,181 +10,171 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .base import AbstractEffect, Parameter, not_below, number
+from .base import AbstractEffect, Parameter, lower_bounded, parameter_field
 from .equation_terms import CONSTANT, ForcingData, Source, Terms
-from .search_range import Search
+from .search_range import SearchRange
 
 Air = Literal["outdoor", "indoor"]
 AIRS: tuple[Air, Air] = ("outdoor", "indoor")
 SOURCE_WIDTH = 0.05
-"""Standard deviation of a source's profile about its place, over the wall's length."""
+"""Standard deviation of the profile of a placed source over the length of the wall."""
 
 
 class _HeatSource(AbstractEffect):
-    """`rate p(x) c(t)`, p = 1 or `exp(-((x - place)/(L/20))^2/2)`."""
+    """`dT/dt = ... + rate p(x) c(t)`, with p = 1 or `p = exp(-((x - place)/(L/20))^2/2)`, and a signal c."""
 
-    def scan(self, search: Search) -> Iterator[dict[str, float]]:
-        """Places and hours on a grid, as far as this form has them."""
+    def scan(self, search_range: SearchRange) -> Iterator[dict[str, float]]:
+        """Positions and hours on a grid, where this form has them."""
         names = {parameter.name for parameter in self.parameters}
-        places = [search.length * share for share in _SHARES] if "place" in names else [None]
+        positions = [search_range.length * share for share in _SHARES] if "place" in names else [None]
         widths = (7,) if "place" in names else (5, 9)
         spans = (
             [(float(a), float(a + width)) for width in widths for a in range(0, 24, 4)] if "start" in names else [None]
         )
-        for place in places:
+        for position in positions:
             for span in spans:
-                found = {} if place is None else {"place": place}
-                yield found | ({} if span is None else {"start": span[0], "end": span[1]})
+                point = {} if position is None else {"place": position}
+                yield point | ({} if span is None else {"start": span[0], "end": span[1]})
 
-    def bounds(self, parameter: Parameter, search: Search) -> tuple[float, float]:
-        """A place lies inside the wall, hours within a day and the next."""
+    def bounds(self, parameter: Parameter, search_range: SearchRange) -> tuple[float, float]:
+        """Positions inside the wall; hours of a day and of parts of its neighbours."""
         if parameter.name == "place":
-            return 0.02 * search.length, 0.98 * search.length
+            return 0.02 * search_range.length, 0.98 * search_range.length
         if parameter.name == "start":
             return -6.0, 30.0
         if parameter.name == "end":
             return -5.0, 40.0
-        return super().bounds(parameter, search)
+        return super().bounds(parameter, search_range)
 
 
-_SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)  # of the wall's length: where the scan looks for a placed source
-_RATE = Parameter("rate", "K/s", 2e-6, worth=1e-7)
+_SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)  # positions of the grid over the length of the wall
+_RATE = Parameter("rate", "K/s", 2e-6, smallest_reported=1e-7)
 _PLACE = Parameter("place", "m", 0.02)
 _HOURS = (Parameter("start", "h", 1.0), Parameter("end", "h", 1.0))
 
 
-def _constant(campaign: ForcingData) -> Array:
-    return jnp.ones((campaign.intervals, 1)) * CONSTANT
+def _constant(forcing: ForcingData) -> Array:
+    return jnp.ones((forcing.intervals, 1)) * CONSTANT
 
 
-def hours_course(campaign: ForcingData, start: Array, end: Array) -> Array:
-    """The share of each interval between rows that lies within these hours of the day."""
-    width = campaign.step / 3600.0
-    total = jnp.zeros(campaign.intervals)
-    for day in (-1, 0, 1, 2):  # hours may pass midnight, a row's interval too
-        low = jnp.maximum(campaign.hour, start + 24.0 * day)
-        high = jnp.minimum(campaign.hour + width, end + 24.0 * day)
+def hours_signal(forcing: ForcingData, start: Array, end: Array) -> Array:
+    """Share of each interval between rows that lies between two hours of the day, `(interval, power)`.
+
+    Args:
+        forcing: with the hour of the day at each row.
+        start: first hour.
+        end: last hour; may be after midnight.
+    """
+    width = forcing.step / 3600.0
+    total = jnp.zeros(forcing.intervals)
+    for day in (-1, 0, 1, 2):  # the hours, and the interval between two rows, may contain midnight
+        low = jnp.maximum(forcing.hour, start + 24.0 * day)
+        high = jnp.minimum(forcing.hour + width, end + 24.0 * day)
         total = total + jnp.maximum(high - low, 0.0) / width
     return total[:, None] * CONSTANT
 
 
 class UniformSource(_HeatSource):
-    """`q/(rho c) = rate` everywhere and always."""
+    """Constant heat source in the entire wall: `q/(rho c) = rate`."""
 
     name: ClassVar[str] = "heat_source"
     parameters: ClassVar = (_RATE,)
-    rate: Float[Array, ""] = number()
+    rate: Float[Array, ""] = parameter_field()
 
-    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
-        """The terms with this effect in."""
-        return terms.add(sources=(Source(self.rate, None, _constant(campaign)),))
+    def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
+        """The terms with this effect added."""
+        return terms.add(sources=(Source(self.rate, None, _constant(forcing)),))
 
 
 class PlacedSource(_HeatSource):
-    """`q/(rho c) = rate exp(-((x - place)/(L/20))^2/2)` always."""
+    """Constant heat source at one position: `q/(rho c) = rate exp(-((x - place)/(L/20))^2/2)`."""
 
     name: ClassVar[str] = "heat_source"
+    variant: ClassVar[str] = "placed"
     parameters: ClassVar = (_RATE, _PLACE)
-    rate: Float[Array, ""] = number()
-    place: Float[Array, ""] = number()
+    rate: Float[Array, ""] = parameter_field()
+    place: Float[Array, ""] = parameter_field()
 
-    @property
-    def variant(self) -> str:
-        """Which form."""
-        return "placed"
-
-    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
-        """The terms with this effect in."""
-        return terms.add(sources=(Source(self.rate, self.place, _constant(campaign)),))
+    def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
+        """The terms with this effect added."""
+        return terms.add(sources=(Source(self.rate, self.place, _constant(forcing)),))
 
 
 class HourlySource(_HeatSource):
-    """`q/(rho c) = rate` everywhere, between two hours of each day."""
+    """Heat source in the entire wall between two hours of each day: `q/(rho c) = rate`, else 0."""
 
     name: ClassVar[str] = "heat_source"
+    variant: ClassVar[str] = "hourly"
     parameters: ClassVar = (_RATE, *_HOURS)
-    rate: Float[Array, ""] = number()
-    start: Float[Array, ""] = number()
-    end: Float[Array, ""] = number(1.0)
+    rate: Float[Array, ""] = parameter_field()
+    start: Float[Array, ""] = parameter_field()
+    end: Float[Array, ""] = parameter_field(1.0)
 
-    @property
-    def variant(self) -> str:
-        """Which form."""
-        return "hourly"
-
-    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
-        """The terms with this effect in."""
-        return terms.add(sources=(Source(self.rate, None, hours_course(campaign, self.start, self.end)),))
+    def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
+        """The terms with this effect added."""
+        return terms.add(sources=(Source(self.rate, None, hours_signal(forcing, self.start, self.end)),))
 
 
 class PlacedHourlySource(_HeatSource):
-    """`q/(rho c) = rate exp(-((x - place)/(L/20))^2/2)`, between two hours of each day."""
+    """Heat source at one position between two hours of a day: `q/(rho c) = rate exp(-((x - place)/(L/20))^2/2)`."""
 
     name: ClassVar[str] = "heat_source"
+    variant: ClassVar[str] = "placed, hourly"
     parameters: ClassVar = (_RATE, _PLACE, *_HOURS)
-    rate: Float[Array, ""] = number()
-    place: Float[Array, ""] = number()
-    start: Float[Array, ""] = number()
-    end: Float[Array, ""] = number(1.0)
+    rate: Float[Array, ""] = parameter_field()
+    place: Float[Array, ""] = parameter_field()
+    start: Float[Array, ""] = parameter_field()
+    end: Float[Array, ""] = parameter_field(1.0)
 
-    @property
-    def variant(self) -> str:
-        """Which form."""
-        return "placed, hourly"
-
-    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
-        """The terms with this effect in."""
-        return terms.add(sources=(Source(self.rate, self.place, hours_course(campaign, self.start, self.end)),))
+    def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
+        """The terms with this effect added."""
+        return terms.add(sources=(Source(self.rate, self.place, hours_signal(forcing, self.start, self.end)),))
 
 
 class HeatedSource(_HeatSource):
-    """`q/(rho c) = rate heating(t)` everywhere, with the record's heating over its largest value."""
+    """Heat source in the entire wall: `q/(rho c) = rate heating(t)`, heating relative to its largest value."""
 
     name: ClassVar[str] = "heat_source"
+    variant: ClassVar[str] = "with the heating"
     parameters: ClassVar = (_RATE,)
     needs: ClassVar[tuple[str, ...]] = ("heating",)
-    rate: Float[Array, ""] = number()
+    rate: Float[Array, ""] = parameter_field()
 
-    @property
-    def variant(self) -> str:
-        """Which form."""
-        return "with the heating"
-
-    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
-        """The terms with this effect in."""
-        return terms.add(sources=(Source(self.rate, None, campaign.heating),))
+    def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
+        """The terms with this effect added."""
+        return terms.add(sources=(Source(self.rate, None, forcing.heating),))
 
 
 class LateralLoss(AbstractEffect):
-    """`rate (T_air - T)`, to outdoor or indoor air."""
+    """Lateral loss to outdoor or indoor air: `dT/dt = ... + rate (T_air - T)`."""
 
     name: ClassVar[str] = "lateral_loss"
-    parameters: ClassVar = (Parameter("rate", "1/s", 2e-6, worth=1e-7, least=0.0, most=1e-3),)
+    parameters: ClassVar = (Parameter("rate", "1/s", 2e-6, smallest_reported=1e-7, lower=0.0, upper=1e-3),)
     air: Air = eqx.field(static=True, default="outdoor")
-    rate: Float[Array, ""] = number()
+    rate: Float[Array, ""] = parameter_field()
 
     @property
     def target(self) -> Air:
         """The air."""
         return self.air
 
-    def required(self) -> tuple[str, ...]:
-        """That air's temperature."""
+    def required_regressors(self) -> tuple[str, ...]:
+        """The temperature of that air."""
         return (f"air_{self.air}",)
 
-    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
-        """The terms with this effect in."""
-        here = np.array([float(air == self.air) for air in AIRS])
-        return terms.add(loss=not_below(self.rate, 0.0) * here)
+    def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
+        """The terms with this effect added."""
+        mask = np.array([float(air == self.air) for air in AIRS])
+        return terms.add(loss=lower_bounded(self.rate, 0.0) * mask)
 
 
 class AirFlow(AbstractEffect):
-    """`- velocity dT/dx`, effective, positive along +x."""
+    """Air flow through the wall: `dT/dt = ... - velocity dT/dx`, effective velocity, positive along +x."""
 
     name: ClassVar[str] = "air_flow"
-    parameters: ClassVar = (Parameter("velocity", "m/s", 5e-7, worth=3e-8, least=-1e-4, most=1e-4),)
-    velocity: Float[Array, ""] = number()
+    parameters: ClassVar = (Parameter("velocity", "m/s", 5e-7, smallest_reported=3e-8, lower=-1e-4, upper=1e-4),)
+    velocity: Float[Array, ""] = parameter_field()
 
-    def extend(self, terms: Terms, campaign: ForcingData) -> Terms:
-        """The terms with this effect in."""
+    def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
+        """The terms with this effect added."""
         return terms.add(velocity=self.velocity)

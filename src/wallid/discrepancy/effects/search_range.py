@@ -1,4 +1,4 @@
-"""Where and when in a record effects are looked for: places inside the wall, times of rain, temperatures."""
+"""The ranges in which positions, times and temperatures of effects are searched."""
 
 from __future__ import annotations
 
@@ -10,41 +10,48 @@ from ...records.uniform_record import Record
 
 
 @dataclass(frozen=True)
-class Search:
-    """What bounds a search for places, times and temperatures.
+class SearchRange:
+    """The ranges of the positions, times and temperatures of effects in a record.
 
     Args:
-        length: of the wall, m.
-        clear: from each face to the sensor nearest to it, m.
-        places: candidates for interfaces, m, between the outermost sensors.
-        duration: of the record, s.
-        rain: when the largest rains began, s since the first row; empty where no rain was logged.
-        coldest, warmest: of all readings, degC.
+        length: length of the wall, m.
+        face_clearance: distance from each face to the nearest sensor, m.
+        interface_positions: candidate positions of interfaces, m, between the outermost sensors.
+        duration: duration of the record, s.
+        rain: starts of the largest rain events, s since the first row; empty where no rain was logged.
+        coldest: lowest temperature of all readings, degC.
+        warmest: highest temperature of all readings, degC.
     """
 
     length: float
-    clear: tuple[float, float]
-    places: tuple[float, ...]
+    face_clearance: tuple[float, float]
+    interface_positions: tuple[float, ...]
     duration: float
     rain: tuple[float, ...]
     coldest: float
     warmest: float
 
 
-def record_search(record: Record, positions: tuple[float, ...], length: float, count: int = 9) -> Search:
-    """Where and when to look in this record.
+def search_range_of_record(record: Record, positions: tuple[float, ...], length: float, count: int = 9) -> SearchRange:
+    """The search ranges for a record.
 
-    Interfaces are looked for between the outermost sensors; nearer to a face they are a film by another name. With
-    a single sensor the middle half of the wall serves.
+    Interfaces are searched between the outermost sensors, because nearer to a face they act as a surface film. With
+    a single sensor they are searched in the middle half of the wall.
+
+    Args:
+        record: the rows used.
+        positions: of the inner sensors, m.
+        length: of the wall, m.
+        count: number of candidate positions of interfaces.
     """
     low, high = (min(positions), max(positions)) if len(positions) > 1 else (0.25 * length, 0.75 * length)
     margin = 0.04 * (high - low)
-    places = [low + margin + (high - low - 2 * margin) * i / (count - 1) for i in range(count)]
+    candidates = [low + margin + (high - low - 2 * margin) * i / (count - 1) for i in range(count)]
     inner = record.sensors[~np.isnan(record.sensors)] if record.sensors.size else record.faces.ravel()
-    return Search(
+    return SearchRange(
         length=length,
-        clear=(float(min(positions)), float(length - max(positions))),
-        places=tuple(float(place) for place in places),
+        face_clearance=(float(min(positions)), float(length - max(positions))),
+        interface_positions=tuple(float(position) for position in candidates),
         duration=record.duration,
         rain=_rain_onsets(record),
         coldest=float(min(record.faces.min(), inner.min())),
@@ -53,7 +60,7 @@ def record_search(record: Record, positions: tuple[float, ...], length: float, c
 
 
 def _rain_onsets(record: Record, most: int = 8, pause: float = 3 * 3600.0) -> tuple[float, ...]:
-    """When the largest rain events began, s since the first row: rain after hours without."""
+    """Starts of the largest rain events, s since the first row; at least `pause` seconds without rain lie between."""
     rain = record.regressors.get("rain")
     if rain is None:
         return ()

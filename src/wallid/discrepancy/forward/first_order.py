@@ -1,7 +1,7 @@
-"""The derivative of the readings along any effect, by one linear solve.
+"""The derivative of the readings by any effect, from one linear solution.
 
-What an effect adds to the rate at the plain wall's temperatures is a source of heat; its response is linear: the
-paper's sensitivity system once more, `theta' = A theta + df/dphi`.
+The change of the rate by an effect of size phi, at the temperatures of the linear wall, acts as a heat source. The
+derivative theta of the temperatures solves the sensitivity system `theta' = A theta + df/dphi`.
 """
 
 from __future__ import annotations
@@ -15,150 +15,171 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..effects.equation_terms import ForcingData, Terms
-from .cells import Cells, at_rows, cells, start
-from .linear_wall import Modes, modes
-from .nonlinear_wall import flow
-from .sensor_readings import readings
+from .cells import Cells, build_cells, initial_state, inputs_at_rows
+from .linear_wall import Modes, modal_decomposition
+from .nonlinear_wall import build_nonlinear_wall
+from .sensor_readings import apply_sensor_effects
 
 
-class Base(NamedTuple):
-    """A linear wall's course on equal parts of each interval between rows: what the effects act upon.
+class BaseSolution(NamedTuple):
+    """The solution of a linear wall at equal parts of each interval between rows.
 
     Args:
-        course: in modes. step: of a part, s.
+        wall: the cells.
+        system: the modes of the wall.
+        modes: modal coordinates.
+        step: duration of a part, s.
         temperatures: at all nodes, faces included, degC.
-        flux: between them, over the capacity of a metre of the wall, K m/s. conducted: what it makes of the nodes, K/s.
+        flux: between the nodes over the volumetric heat capacity of the wall, K m/s.
+        conduction_rate: rate of the nodes by conduction, K/s.
     """
 
     wall: Cells
     system: Modes
-    course: Float[Array, "part mode"]
+    modes: Float[Array, "part mode"]
     step: Array
     temperatures: Float[Array, "part all"]
     flux: Float[Array, "part cell"]
-    conducted: Float[Array, "part node"]
+    conduction_rate: Float[Array, "part node"]
 
 
-def first_order(
-    base: Base,
+def first_order_response(
+    base: BaseSolution,
     terms: Terms,
     change: Terms,
-    campaign: ForcingData,
+    forcing: ForcingData,
     diffusivity: Array,
     profile: Float[Array, " mode"],
     *,
     substeps: int,
 ) -> Float[Array, "time sensor"]:
-    """The derivative of the readings along a change of the terms, at a linear wall.
+    """The derivative of the readings of a linear wall by a change of its terms, K per unit of the change.
 
     Args:
-        base: the linear wall's course, on so many substeps.
-        terms: its terms with the change at its neutral value, in its place.
-        change: the terms' derivative along it.
-        substeps: on whose straight lines the source lies between two rows.
+        base: the solution of the linear wall.
+        terms: its terms, with the effect at its neutral value.
+        change: the derivative of the terms.
+        forcing: face temperatures, regressors and nodes.
+        diffusivity: m2/s.
+        profile: amplitudes of the sine modes of the initial profile, K.
+        substeps: parts of each interval of `base`, between which the heat source is linear.
     """
     system = base.system
-    (here, _), (moved, initial) = jax.jvp(lambda some: _held(some, campaign, profile), (terms,), (change,))
+    (cells, _), (cells_change, initial) = jax.jvp(lambda t: _cells_and_start(t, forcing, profile), (terms,), (change,))
 
-    def heated() -> tuple[Array, Array]:
-        """What a source inside the wall makes of the modes, and the source, at each row."""
-        f = _source(base, moved, terms, change, campaign, diffusivity) @ system.into.T
-        return system.run_on_lines(f, base.step, parts=substeps), f[::substeps]
+    def response_to_source() -> tuple[Array, Array]:
+        """The response of the modes to the source inside the wall, and the source, at each row."""
+        f = _source(base, cells_change, terms, change, forcing, diffusivity) @ system.to_modes.T
+        return system.integrate_piecewise_linear(f, base.step, parts=substeps), f[::substeps]
 
-    still = jnp.zeros((campaign.intervals + 1, system.poles.shape[0]))
-    m, f = jax.lax.cond(_acts_inside(moved, change), heated, lambda: (still, still))
-    # other inputs, and what changes the faces, are cubics that may jump at a row
-    drive = jnp.concatenate([here.course[..., 2:], moved.course], axis=-1)
-    inputs = jnp.concatenate([system.into @ moved.other, system.inputs], axis=1)
-    m = m + system.run(system.into @ initial, drive, inputs, campaign.step)
-    rates = m * system.poles + f + at_rows(drive, campaign.step)[0] @ inputs.T
-    q, _ = at_rows(base.wall.course, campaign.step)
-    course = base.course[::substeps]
-    warming = course * system.poles + q @ system.inputs.T
+    zeros = jnp.zeros((forcing.intervals + 1, system.poles.shape[0]))
+    m, f = jax.lax.cond(_acts_inside(cells_change, change), response_to_source, lambda: (zeros, zeros))
+    # the other inputs and the changes of the faces are cubics that may jump at a row
+    inputs = jnp.concatenate([cells.inputs[..., 2:], cells_change.inputs], axis=-1)
+    input_matrix = jnp.concatenate([system.to_modes @ cells_change.heat_input_matrix, system.input_matrix], axis=1)
+    m = m + system.integrate(system.to_modes @ initial, inputs, input_matrix, forcing.step)
+    rates = m * system.poles + f + inputs_at_rows(inputs, forcing.step)[0] @ input_matrix.T
+    q, _ = inputs_at_rows(base.wall.inputs, forcing.step)
+    modes = base.modes[::substeps]
+    modes_rate = modes * system.poles + q @ system.input_matrix.T
 
-    def observed(some: Terms, course: Array, warming: Array) -> Array:
-        wall = cells(some, campaign)
-        state = wall.state @ system.out
-        q, q_rate = at_rows(wall.course, campaign.step)
-        value = course @ state.T + q[:, :2] @ wall.face.T
-        return readings(some, campaign, value, warming @ state.T + q_rate[:, :2] @ wall.face.T)
+    def observed(some: Terms, modes: Array, modes_rate: Array) -> Array:
+        wall = build_cells(some, forcing)
+        weights = wall.state_to_readings @ system.to_nodes
+        q, q_rate = inputs_at_rows(wall.inputs, forcing.step)
+        value = modes @ weights.T + q[:, :2] @ wall.faces_to_readings.T
+        return apply_sensor_effects(
+            some, forcing, value, modes_rate @ weights.T + q_rate[:, :2] @ wall.faces_to_readings.T
+        )
 
-    return jax.jvp(observed, (terms, course, warming), (change, m, rates))[1]
+    return jax.jvp(observed, (terms, modes, modes_rate), (change, m, rates))[1]
 
 
-def base_course(
-    terms: Terms, campaign: ForcingData, diffusivity: Array, profile: Float[Array, " mode"], *, substeps: int
-) -> Base:
-    """The course of a linear wall, for `first_order`."""
-    wall, step = cells(terms, campaign), campaign.step / substeps
-    system, inputs = modes(wall, diffusivity), _finer(wall.course, substeps)
-    course = system.run(system.into @ start(wall, campaign, profile), inputs, system.inputs, step)
-    q, _ = at_rows(inputs, step)
-    T = jnp.concatenate([q[:, :1], course @ system.out.T, q[:, 1:2]], axis=1)
+def solve_base(
+    terms: Terms, forcing: ForcingData, diffusivity: Array, profile: Float[Array, " mode"], *, substeps: int
+) -> BaseSolution:
+    """The solution of a linear wall, for `first_order_response`.
+
+    Args:
+        terms: the terms that effects change.
+        forcing: face temperatures, regressors and nodes.
+        diffusivity: m2/s.
+        profile: amplitudes of the sine modes of the initial profile, K.
+        substeps: parts of each interval between rows.
+    """
+    wall, step = build_cells(terms, forcing), forcing.step / substeps
+    system, inputs = modal_decomposition(wall, diffusivity), _refine(wall.inputs, substeps)
+    modes = system.integrate(system.to_modes @ initial_state(wall, forcing, profile), inputs, system.input_matrix, step)
+    q, _ = inputs_at_rows(inputs, step)
+    T = jnp.concatenate([q[:, :1], modes @ system.to_nodes.T, q[:, 1:2]], axis=1)
     flux = diffusivity * jnp.diff(T, axis=1) / wall.resistance
-    return Base(wall, system, course, step, T, flux, jnp.diff(flux, axis=1) / wall.capacity)
+    return BaseSolution(wall, system, modes, step, T, flux, jnp.diff(flux, axis=1) / wall.capacity)
 
 
-def _held(terms: Terms, campaign: ForcingData, profile: Array) -> tuple[Cells, Array]:
-    """What does not depend on time, and the state at the first row."""
-    wall = cells(terms, campaign)
-    return wall, start(wall, campaign, profile)
+def _cells_and_start(terms: Terms, forcing: ForcingData, profile: Array) -> tuple[Cells, Array]:
+    """The cells and the state at the first row."""
+    wall = build_cells(terms, forcing)
+    return wall, initial_state(wall, forcing, profile)
 
 
-def _acts_inside(moved: Cells, change: Terms) -> Array:
-    """Whether a change reaches the wall's own rate, and not its faces, inputs or readings alone."""
-    moving = moved.resistance, moved.capacity, moved.advection, moved.loss, change.drift, change.wettings
-    return _any((moving, _of_temperature(change)))
+def _acts_inside(cells_change: Cells, change: Terms) -> Array:
+    """Whether a change affects the rate of the nodes, and not only faces, inputs or readings."""
+    cells = cells_change.resistance, cells_change.capacity, cells_change.advection, cells_change.loss
+    return _any_nonzero((cells, change.drift, change.wettings, _temperature_terms(change)))
 
 
-def _of_temperature(change: Terms) -> tuple[Any, ...]:
+def _temperature_terms(change: Terms) -> tuple[Any, ...]:
     return change.conductivity_slope, change.capacity_slope, change.latent
 
 
-def _any(tree: Any) -> Array:
+def _any_nonzero(tree: Any) -> Array:
     return jnp.any(jnp.stack([jnp.any(leaf != 0.0) for leaf in jax.tree.leaves(tree)]))
 
 
 def _source(
-    base: Base, moved: Cells, terms: Terms, change: Terms, campaign: ForcingData, diffusivity: Array
+    base: BaseSolution, cells_change: Cells, terms: Terms, change: Terms, forcing: ForcingData, diffusivity: Array
 ) -> Float[Array, "part node"]:
-    """What a change of the cells and of their materials makes of the base's temperatures and faces, K/s::
+    """The change of the rate of the nodes at the temperatures of the base, K/s::
 
-        f = d(F (s + kappa - R/R_0)) / C - F_C (gamma + C'/C) - v' dT - s_a' T
+        f = d(F (s' + kappa' - R'/R)) / C - (dF/C) (gamma' + C'/C) - v' dT - s_a' T
 
-    with F the base's flux, F_C = dF/C what it makes of the nodes, and the changes of the diffusivity's factor s, of
-    conductivity kappa, resistance R, capacity gamma by temperature and C of a node, air flow v' and loss s_a'.
+    with the flux F of the base, cell resistances R and capacities C, the differences d between neighbours, and the
+    changes (primes) of the diffusivity factor s, conductivity kappa, capacity gamma, R, C, air velocity v and loss s_a.
     """
     wall, T = base.wall, base.temperatures
 
-    def factor(some: Terms) -> Array:
-        field = flow(wall, some, campaign, diffusivity)
-        return jax.vmap(field.factor)(jnp.arange(T.shape[0]) * base.step)
+    def diffusivity_factors(some: Terms) -> Array:
+        nonlinear = build_nonlinear_wall(wall, some, forcing, diffusivity)
+        return jax.vmap(nonlinear.diffusivity_factor)(jnp.arange(T.shape[0]) * base.step)
 
-    def material(some: Terms) -> tuple[Array, Array]:
-        return jax.vmap(flow(wall, some, campaign, diffusivity).factors)(T[:, 1:-1], T[:, jnp.array([0, -1])])
+    def material_factors(some: Terms) -> tuple[Array, Array]:
+        return jax.vmap(build_nonlinear_wall(wall, some, forcing, diffusivity).material_factors)(
+            T[:, 1:-1], T[:, jnp.array([0, -1])]
+        )
 
-    conductance = jax.jvp(factor, (terms,), (change,))[1][:, None] - moved.resistance / wall.resistance
-    capacity = moved.capacity / wall.capacity
+    conductance = (
+        jax.jvp(diffusivity_factors, (terms,), (change,))[1][:, None] - cells_change.resistance / wall.resistance
+    )
+    capacity = cells_change.capacity / wall.capacity
 
-    def conducted(conductance: Array, capacity: Array) -> Array:
-        return jnp.diff(base.flux * conductance, axis=1) / wall.capacity - base.conducted * capacity
+    def conduction_change(conductance: Array, capacity: Array) -> Array:
+        return jnp.diff(base.flux * conductance, axis=1) / wall.capacity - base.conduction_rate * capacity
 
-    def by_temperature() -> Array:
-        more, heavier = jax.jvp(material, (terms,), (change,))[1]
-        return conducted(conductance + more, capacity + heavier)
+    def temperature_dependent() -> Array:
+        conductivity, heat_capacity = jax.jvp(material_factors, (terms,), (change,))[1]
+        return conduction_change(conductance + conductivity, capacity + heat_capacity)
 
-    moving = _any(_of_temperature(change))
-    conduction = jax.lax.cond(moving, by_temperature, lambda: conducted(conductance, capacity))
-    return conduction - moved.advection * (T[:, 2:] - T[:, :-2]) - moved.loss * T[:, 1:-1]
+    depends = _any_nonzero(_temperature_terms(change))
+    conduction = jax.lax.cond(depends, temperature_dependent, lambda: conduction_change(conductance, capacity))
+    return conduction - cells_change.advection * (T[:, 2:] - T[:, :-2]) - cells_change.loss * T[:, 1:-1]
 
 
-def _finer(course: Float[Array, "interval power input"], parts: int) -> Float[Array, "part power input"]:
-    """The same polynomials on equal parts of each interval: `s = (i + r)/parts`."""
-    powers = course.shape[1]
+def _refine(inputs: Float[Array, "interval power input"], parts: int) -> Float[Array, "part power input"]:
+    """The coefficients of the same polynomials on equal parts of each interval, with `s = (i + r)/parts`."""
+    powers = inputs.shape[1]
     shift = np.zeros((parts, powers, powers))
     for i in range(parts):
         for j in range(powers):
             for k in range(j + 1):
                 shift[i, k, j] = math.comb(j, k) * (i / parts) ** (j - k) / parts**k
-    return jnp.einsum("ikj,njq->nikq", jnp.asarray(shift), course).reshape(-1, powers, course.shape[2])
+    return jnp.einsum("ikj,njq->nikq", jnp.asarray(shift), inputs).reshape(-1, powers, inputs.shape[2])

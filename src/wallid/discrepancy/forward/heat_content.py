@@ -1,6 +1,6 @@
-"""How much heat a wall's nodes hold at a temperature.
+"""The heat content of the nodes of a wall as a function of temperature.
 
-A step that keeps the account in heat loses none where the capacity changes fast, as it does while water freezes.
+A time step formulated in heat content conserves energy where the capacity changes fast, as during freezing.
 """
 
 from __future__ import annotations
@@ -9,32 +9,37 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..effects.equation_terms import Step
+from ..effects.equation_terms import LatentHeat
 from ..effects.material import latent_capacity, latent_heat
 
-LEAST_FACTOR = 0.05
-"""Of a coefficient that depends on temperature or time, lest the equation lose its sense."""
+MIN_FACTOR = 0.05
+"""Smallest value of a coefficient that depends on temperature or time; keeps the equation parabolic."""
 
 
-class Heat(eqx.Module):
-    """Capacity over the wall's own, `c(T) = max(1 + slope (T - T0), least) + sum of the bumps`, and its integral H.
+class HeatContent(eqx.Module):
+    """The relative heat capacity and its integral, the heat content H in K::
 
-    Heat is in K of the wall's own capacity.
+        c(T) = max(1 + slope (T - T0), MIN_FACTOR) + latent_capacity(T),      H(T) = int_T0^T c dT + constant
+
+    Args:
+        reference: T0, degC.
+        slope: 1/K.
+        latent: phase changes.
     """
 
     reference: Array
     slope: Array
-    latent: tuple[Step, ...]
+    latent: tuple[LatentHeat, ...]
 
     def capacity(self, T: Float[Array, " node"]) -> Float[Array, " node"]:
-        """`c(T)`."""
-        plain = jnp.maximum(1.0 + self.slope * (T - self.reference), LEAST_FACTOR)
-        return plain + latent_capacity(self.latent, T)
+        """`c(T)`, dimensionless."""
+        sensible = jnp.maximum(1.0 + self.slope * (T - self.reference), MIN_FACTOR)
+        return sensible + latent_capacity(self.latent, T)
 
     def content(self, T: Float[Array, " node"]) -> Float[Array, " node"]:
-        """`H(T)`, the integral of c from the reference, K."""
-        since = T - self.reference
-        factor = 1.0 + self.slope * since
-        short = jnp.minimum(factor - LEAST_FACTOR, 0.0)  # below the least factor the integral is a straight line
-        bend = jnp.where(short < 0.0, 0.5 * short**2 / jnp.where(self.slope == 0.0, 1.0, self.slope), 0.0)
-        return since + 0.5 * self.slope * since**2 - bend + latent_heat(self.latent, T)
+        """`H(T)`, K."""
+        difference = T - self.reference
+        factor = 1.0 + self.slope * difference
+        below = jnp.minimum(factor - MIN_FACTOR, 0.0)  # where c is at MIN_FACTOR the integral is linear
+        correction = jnp.where(below < 0.0, 0.5 * below**2 / jnp.where(self.slope == 0.0, 1.0, self.slope), 0.0)
+        return difference + 0.5 * self.slope * difference**2 - correction + latent_heat(self.latent, T)

@@ -1,8 +1,8 @@
-"""A linear wall in its modes, one exact step a row, for faces that are monotone cubics between rows::
+"""The exact solution of a linear wall in its modes, with inputs that are cubics between rows.
+
+With one step of length h per row, `u = sum_j c_j s^j` and the phi-functions of `exponential_solver.py`::
 
     m' = lambda m + b u(t),     m_1 = e^z m_0 + h sum_j j! phi_{j+1}(z) b c_j,     z = h lambda
-
-(`phi` of `exponential.py`, `u = sum_j c_j s^j`).
 """
 
 from __future__ import annotations
@@ -16,44 +16,64 @@ from jaxtyping import Array, Float
 
 from ...models.exponential_solver import phi_functions
 from ..effects.equation_terms import ForcingData
-from .cells import Cells, at_rows, coefficients
+from .cells import Cells, inputs_at_rows, rate_coefficients
 
 
 class Modes(eqx.Module):
-    """A linear wall in its modes: `m' = poles m + into f` for rates f at the nodes, `T = out m`."""
+    """A linear wall in its modes: `m' = poles m + to_modes f` for heating rates f at the nodes, `T = to_nodes m`.
+
+    Args:
+        poles: eigenvalues, 1/s.
+        to_modes: from nodes to modes.
+        to_nodes: from modes to nodes.
+        input_matrix: rates of the modes per unit of each input.
+    """
 
     poles: Float[Array, " mode"]
-    into: Float[Array, "mode node"]
-    out: Float[Array, "node mode"]
-    inputs: Float[Array, "mode input"]
+    to_modes: Float[Array, "mode node"]
+    to_nodes: Float[Array, "node mode"]
+    input_matrix: Float[Array, "mode input"]
 
-    def run(
+    def integrate(
         self,
         initial: Float[Array, " mode"],
-        course: Float[Array, "interval power input"],
-        inputs: Float[Array, "mode input"],
+        inputs: Float[Array, "interval power input"],
+        input_matrix: Float[Array, "mode input"],
         step: Array,
     ) -> Float[Array, "time mode"]:
-        """The modes at each row, driven by polynomials between rows that come in through `inputs`; exact.
+        """The modes at each row, driven by inputs that are polynomials between rows; exact.
 
-        The inputs are few: weighted with the phi-functions first, they never spread over all modes and powers.
+        Args:
+            initial: modes at the first row.
+            inputs: coefficients of the inputs.
+            input_matrix: rates of the modes per unit of each input.
+            step: from row to row, s.
         """
-        weights = self._weights(course.shape[1], step)[:, :, None] * inputs
-        return self._stepped(initial, jnp.einsum("njq,jmq->nm", course, weights), step)
+        # the weights are applied to the few inputs first, so that no array over modes and powers arises per interval
+        weights = self._weights(inputs.shape[1], step)[:, :, None] * input_matrix
+        return self._advance(initial, jnp.einsum("njq,jmq->nm", inputs, weights), step)
 
-    def run_on_lines(self, rates: Float[Array, "point mode"], step: Array, *, parts: int) -> Float[Array, "time mode"]:
-        """The modes at each row from rest, each driven by straight lines between points, `parts` to a row; exact."""
+    def integrate_piecewise_linear(
+        self, rates: Float[Array, "point mode"], step: Array, *, parts: int
+    ) -> Float[Array, "time mode"]:
+        """The modes at each row from zero, each driven by a piecewise linear rate; exact.
+
+        Args:
+            rates: rates of the modes at `parts` points per interval and at the last row.
+            step: between these points, s.
+            parts: number of points per interval.
+        """
         first, rising = self._weights(2, step)
         driven = (rates[:-1] * (first - rising) + rates[1:] * rising).reshape(-1, parts, rates.shape[1])
-        fade = jnp.exp(step * self.poles * jnp.arange(parts - 1, -1, -1)[:, None])
-        return self._stepped(jnp.zeros_like(self.poles), jnp.sum(fade * driven, axis=1), parts * step)
+        decay = jnp.exp(step * self.poles * jnp.arange(parts - 1, -1, -1)[:, None])
+        return self._advance(jnp.zeros_like(self.poles), jnp.sum(decay * driven, axis=1), parts * step)
 
     def _weights(self, powers: int, step: Array) -> Float[Array, "power mode"]:
-        """`h j! phi_{j+1}(z)`: what a power of the time in a step adds to a mode."""
+        """`h j! phi_{j+1}(z)`: the contribution of a power of time within a step to a mode."""
         phis = phi_functions(step * self.poles, most=powers)[1:]
         return step * jnp.stack([math.factorial(j) * phi for j, phi in enumerate(phis)])
 
-    def _stepped(
+    def _advance(
         self, initial: Float[Array, " mode"], driven: Float[Array, "interval mode"], step: Array
     ) -> Float[Array, "time mode"]:
         E = jnp.exp(step * self.poles)
@@ -66,29 +86,42 @@ class Modes(eqx.Module):
         return jnp.concatenate([initial[None], later])
 
 
-def modes(wall: Cells, diffusivity: Array) -> Modes:
+def modal_decomposition(wall: Cells, diffusivity: Array) -> Modes:
     """The modes of a linear wall.
 
-    `D^-1 A D` is symmetric for `d_{i+1}/d_i = sqrt(lower_{i+1}/upper_i)`: air flow leaves the modes real.
+    `D^-1 A D` is symmetric for `d_{i+1}/d_i = sqrt(lower_{i+1}/upper_i)`, so the modes are real with air flow too.
+
+    Args:
+        wall: the cells.
+        diffusivity: m2/s.
     """
-    lower, diagonal, upper = coefficients(wall, diffusivity)
+    lower, diagonal, upper = rate_coefficients(wall, diffusivity)
     log_ratio = 0.5 * (jnp.log(lower[1:]) - jnp.log(upper[:-1]))
     scale = jnp.exp(jnp.concatenate([jnp.zeros(1), jnp.cumsum(log_ratio)]))
-    beside = jnp.sqrt(lower[1:] * upper[:-1])
-    poles, Q = jnp.linalg.eigh(jnp.diag(diagonal) + jnp.diag(beside, 1) + jnp.diag(beside, -1))
-    into = Q.T / scale
+    off_diagonal = jnp.sqrt(lower[1:] * upper[:-1])
+    poles, Q = jnp.linalg.eigh(jnp.diag(diagonal) + jnp.diag(off_diagonal, 1) + jnp.diag(off_diagonal, -1))
+    to_modes = Q.T / scale
     faces = jnp.zeros((lower.shape[0], 2)).at[0, 0].set(lower[0]).at[-1, 1].set(upper[-1])
-    return Modes(poles, into, scale[:, None] * Q, into @ jnp.concatenate([faces, wall.other], axis=1))
+    return Modes(
+        poles, to_modes, scale[:, None] * Q, to_modes @ jnp.concatenate([faces, wall.heat_input_matrix], axis=1)
+    )
 
 
-def linear_course(
-    wall: Cells, campaign: ForcingData, diffusivity: Array, initial: Float[Array, " node"]
+def simulate_linear_wall(
+    wall: Cells, forcing: ForcingData, diffusivity: Array, initial: Float[Array, " node"]
 ) -> tuple[Float[Array, "time sensor"], Float[Array, "time sensor"]]:
-    """Temperature (degC) and its rate (K/s) at the sensors, at each row, of a linear wall."""
-    system = modes(wall, diffusivity)
-    m = system.run(system.into @ initial, wall.course, system.inputs, campaign.step)
-    q, q_rate = at_rows(wall.course, campaign.step)
-    c = wall.state @ system.out
-    value = m @ c.T + q[:, :2] @ wall.face.T
-    rate = (m * system.poles + q @ system.inputs.T) @ c.T + q_rate[:, :2] @ wall.face.T
+    """Temperature (degC) and its rate (K/s) at the sensors of a linear wall, `(time, sensor)` each.
+
+    Args:
+        wall: the cells.
+        forcing: with the step.
+        diffusivity: m2/s.
+        initial: state at the first row, degC.
+    """
+    system = modal_decomposition(wall, diffusivity)
+    m = system.integrate(system.to_modes @ initial, wall.inputs, system.input_matrix, forcing.step)
+    q, q_rate = inputs_at_rows(wall.inputs, forcing.step)
+    C = wall.state_to_readings @ system.to_nodes
+    value = m @ C.T + q[:, :2] @ wall.faces_to_readings.T
+    rate = (m * system.poles + q @ system.input_matrix.T) @ C.T + q_rate[:, :2] @ wall.faces_to_readings.T
     return value, rate

@@ -1,4 +1,4 @@
-"""The readings that a campaign would give, with effects in; and their response to a face."""
+"""The readings of the inner sensors of a wall with effects, and their response to the faces."""
 
 from __future__ import annotations
 
@@ -8,45 +8,54 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..effects.equation_terms import ForcingData, Terms
-from .cells import cells, start
-from .linear_wall import linear_course
-from .sensor_readings import readings
-from .time_stepping import stepped_course
+from .cells import build_cells, initial_state
+from .linear_wall import simulate_linear_wall
+from .sensor_readings import apply_sensor_effects
+from .time_stepping import simulate_nonlinear_wall
 
 
-def respond(
+def simulate_readings(
     terms: Terms,
-    campaign: ForcingData,
+    forcing: ForcingData,
     diffusivity: Array,
     profile: Float[Array, " mode"],
     *,
     linear: bool,
     substeps: int = 1,
 ) -> Float[Array, "time sensor"]:
-    """The inner sensors' readings with everything in `terms`, degC.
+    """The readings of the inner sensors of a wall with effects, degC.
 
     Args:
-        diffusivity: m2/s; with layers or joints the wall's effective one.
+        terms: the terms that effects change.
+        forcing: face temperatures, regressors and nodes.
+        diffusivity: m2/s; with layers or joints the effective one of the wall.
         profile: amplitudes of the sine modes of the initial profile, K.
-        linear: solve exactly in modes; False goes through diffrax.
-        substeps: of the latter, between two rows.
+        linear: True for the exact solution in modes; False for integration by diffrax.
+        substeps: steps of the integration between two rows.
     """
-    wall = cells(terms, campaign)
-    initial = start(wall, campaign, profile)
+    wall = build_cells(terms, forcing)
+    initial = initial_state(wall, forcing, profile)
     if linear:
-        value, rate = linear_course(wall, campaign, diffusivity, initial)
+        value, rate = simulate_linear_wall(wall, forcing, diffusivity, initial)
     else:
-        value, rate = stepped_course(wall, terms, campaign, diffusivity, initial, substeps=substeps)
-    return readings(terms, campaign, value, rate)
+        value, rate = simulate_nonlinear_wall(wall, terms, forcing, diffusivity, initial, substeps=substeps)
+    return apply_sensor_effects(terms, forcing, value, rate)
 
 
 def face_response(
-    terms: Terms, faces: Float[Array, "interval power face"], campaign: ForcingData, diffusivity: Array
+    terms: Terms, faces: Float[Array, "interval power face"], forcing: ForcingData, diffusivity: Array
 ) -> Float[Array, "time sensor"]:
-    """What the readings of a linear wall make of a change of its faces, K."""
-    wall = cells(terms, campaign)
-    course = jnp.zeros_like(wall.course).at[:, :, :2].set(faces)
-    still = jnp.zeros(wall.capacity.shape)
-    driven = linear_course(eqx.tree_at(lambda w: w.course, wall, course), campaign, diffusivity, still)
-    rest = tuple(jnp.zeros_like(part) for part in driven)
-    return jax.jvp(lambda *course: readings(terms, campaign, *course), rest, driven)[1]
+    """The change of the readings of a linear wall by a change of its face temperatures, K.
+
+    Args:
+        terms: the terms that effects change.
+        faces: coefficients of the change of the two face temperatures, K.
+        forcing: with the step and the nodes.
+        diffusivity: m2/s.
+    """
+    wall = build_cells(terms, forcing)
+    inputs = jnp.zeros_like(wall.inputs).at[:, :, :2].set(faces)
+    zeros = jnp.zeros(wall.capacity.shape)
+    response = simulate_linear_wall(eqx.tree_at(lambda w: w.inputs, wall, inputs), forcing, diffusivity, zeros)
+    zero = tuple(jnp.zeros_like(part) for part in response)
+    return jax.jvp(lambda *temperatures: apply_sensor_effects(terms, forcing, *temperatures), zero, response)[1]

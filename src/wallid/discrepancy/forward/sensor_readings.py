@@ -1,4 +1,4 @@
-"""What the sensors and their logger make of the temperatures at their places: clock, lag, gain, offset, drift."""
+"""The readings of sensors and logger from the temperatures at the sensors: clock, lag, gain, offset, drift."""
 
 from __future__ import annotations
 
@@ -13,30 +13,44 @@ from ...models.exponential_solver import phi_functions
 from ..effects.equation_terms import ForcingData, Terms
 
 
-def readings(
-    terms: Terms, campaign: ForcingData, value: Float[Array, "time sensor"], rate: Float[Array, "time sensor"]
+def apply_sensor_effects(
+    terms: Terms, forcing: ForcingData, value: Float[Array, "time sensor"], rate: Float[Array, "time sensor"]
 ) -> Float[Array, "time sensor"]:
-    """What the sensors and their logger make of the temperatures at their places, degC."""
-    value, rate = _delayed(value, rate, terms.delay, campaign.step)
-    value = _lagged(value, rate, terms.lag, campaign.step)
-    days = jnp.arange(value.shape[0])[:, None] * (campaign.step / DAY)
-    return value + terms.gain * (value - campaign.reference) + terms.offset + terms.rate * days
+    """The readings of the inner sensors, degC, `(time, sensor)`.
+
+    With the temperature T delayed by the clock, and y the lagged one (`lag y' + y = T`)::
+
+        reading = y + gain (y - T0) + offset + rate t
+
+    Args:
+        terms: with the terms of the sensors.
+        forcing: with the step and T0.
+        value: temperatures at the sensors, degC.
+        rate: their time derivatives, K/s.
+    """
+    value, rate = _delayed(value, rate, terms.delay, forcing.step)
+    value = _lagged(value, rate, terms.lag, forcing.step)
+    days = jnp.arange(value.shape[0])[:, None] * (forcing.step / DAY)
+    return value + terms.gain * (value - forcing.reference) + terms.offset + terms.rate * days
 
 
 def _hermite(value: Array, rate: Array, step: Array) -> Float[Array, "interval power sensor"]:
-    """Cubics through values and rates at the rows, in powers of s."""
+    """Coefficients of the cubic Hermite interpolation between rows, in powers of s."""
     low, high = value[:-1], value[1:]
-    out, into = step * rate[:-1], step * rate[1:]
-    return jnp.stack([low, out, 3 * (high - low) - 2 * out - into, 2 * (low - high) + out + into], axis=1)
+    slope_low, slope_high = step * rate[:-1], step * rate[1:]
+    return jnp.stack(
+        [low, slope_low, 3 * (high - low) - 2 * slope_low - slope_high, 2 * (low - high) + slope_low + slope_high],
+        axis=1,
+    )
 
 
 def _delayed(value: Array, rate: Array, delay: Array, step: Array) -> tuple[Array, Array]:
-    """`T(t - delay)` and its rate, from the cubics; beyond the record on straight lines."""
+    """`T(t - delay)` and its rate from the cubics, with lirecursive extrapolation beyond the record."""
     cubics = _hermite(value, rate, step)
-    place = jnp.arange(value.shape[0]) - delay / step
-    interval = jnp.clip(jnp.floor(place).astype(int), 0, cubics.shape[0] - 1)
-    s = place - interval
-    inside = jnp.where(s < 0.0, 0.0, jnp.where(s > 1.0, 1.0, s))  # not `clip`, whose slope is halved at its ends
+    row = jnp.arange(value.shape[0]) - delay / step
+    interval = jnp.clip(jnp.floor(row).astype(int), 0, cubics.shape[0] - 1)
+    s = row - interval
+    inside = jnp.where(s < 0.0, 0.0, jnp.where(s > 1.0, 1.0, s))  # `clip` would halve the derivative at both ends
     c0, c1, c2, c3 = (cubics[interval, j] for j in range(4))
     x = inside[:, None]
     slope = c1 + x * (2 * c2 + x * 3 * c3)
@@ -48,27 +62,28 @@ def _lagged(value: Array, rate: Array, lag: Array, step: Array) -> Array:
 
     y_1 = e^(-1/s) y_0 + sum_j psi_j c_j,      psi_0 = 1 - e^(-1/s),      psi_j = 1 - j s psi_{j-1}
 
-    and at lag 0 exactly T. For lags longer than a step from the phi-functions, which lose no digits there.
+    At lag 0 y is exactly T. For lags longer than a step psi_j is computed from the phi-functions, because the recursion
+    would lose digits.
     """
     cubics = _hermite(value, rate, step)
     s = lag / step
-    quick = s < 1.0
+    short_lag = s < 1.0
     safe = jnp.where(s > 1e-3, s, 1.0)
-    keep = jnp.where(s > 1e-3, jnp.exp(-1.0 / safe), 0.0)
-    short = [1.0 - keep]
+    decay = jnp.where(s > 1e-3, jnp.exp(-1.0 / safe), 0.0)
+    psi = [1.0 - decay]
     for j in range(1, 4):
-        short.append(1.0 - j * jnp.where(quick, s, 0.0) * short[-1])
-    pace = 1.0 / jnp.where(quick, 1.0, s)
-    _, *phis = phi_functions(-pace, most=4)
+        psi.append(1.0 - j * jnp.where(short_lag, s, 0.0) * psi[-1])
+    inverse = 1.0 / jnp.where(short_lag, 1.0, s)
+    _, *phis = phi_functions(-inverse, most=4)
     weights = [
-        jnp.where(quick, near, pace * math.factorial(j) * phi)
-        for j, (near, phi) in enumerate(zip(short, phis, strict=True))
+        jnp.where(short_lag, recursive, inverse * math.factorial(j) * phi)
+        for j, (recursive, phi) in enumerate(zip(psi, phis, strict=True))
     ]
     drive = sum((cubics[:, j] * weight for j, weight in enumerate(weights)), jnp.zeros(()))
 
-    def follow(y: Array, driven: Array) -> tuple[Array, Array]:
-        y = keep * y + driven
+    def advance(y: Array, driven: Array) -> tuple[Array, Array]:
+        y = decay * y + driven
         return y, y
 
-    _, later = jax.lax.scan(follow, value[0], drive)
+    _, later = jax.lax.scan(advance, value[0], drive)
     return jnp.concatenate([value[:1], later])

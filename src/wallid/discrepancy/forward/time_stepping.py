@@ -1,4 +1,4 @@
-"""The course of a wall whose coefficients depend on temperature or time, stepped through diffrax."""
+"""The integration by diffrax of a wall whose coefficients depend on temperature or time."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from ...models.integration import ToRows
 from ..effects.equation_terms import ForcingData, Terms
 from .cells import Cells
 from .implicit_solver import DiagonallyImplicit
-from .nonlinear_wall import flow
+from .nonlinear_wall import build_nonlinear_wall
 
-LONGEST_SUBSTEP = 1200.0
-"""Of the implicit solver, s."""
+MAX_SUBSTEP = 1200.0
+"""Longest step of the implicit solver, s."""
 
 
-def stepped_course(
+def simulate_nonlinear_wall(
     wall: Cells,
     terms: Terms,
-    campaign: ForcingData,
+    forcing: ForcingData,
     diffusivity: Array,
     initial: Float[Array, " node"],
     *,
@@ -28,31 +28,40 @@ def stepped_course(
     solver: diffrax.AbstractSolver | None = None,
     controller: diffrax.AbstractAdaptiveStepSizeController | None = None,
 ) -> tuple[Float[Array, "time sensor"], Float[Array, "time sensor"]]:
-    """Temperature (degC) and its rate (K/s) at the sensors, at each row, through diffrax.
+    """Temperature (degC) and its rate (K/s) at the sensors of a nonlinear wall, `(time, sensor)` each.
 
     Args:
-        substeps: of the implicit solver, equal steps between two rows.
-        solver, controller: another of diffrax's and its steps, for comparison.
+        wall: the cells.
+        terms: the terms that depend on temperature or time.
+        forcing: with the step and T0.
+        diffusivity: m2/s.
+        initial: state at the first row, degC.
+        substeps: equal steps of the implicit solver between two rows.
+        solver: another solver of diffrax, for comparison.
+        controller: its step size controller; None steps from row to row.
+
+    Returns:
+        Temperatures and rates; NaN where the solver fails.
     """
-    field = flow(wall, terms, campaign, diffusivity)
-    times = jnp.arange(campaign.intervals + 1) * campaign.step
+    field = build_nonlinear_wall(wall, terms, forcing, diffusivity)
+    times = jnp.arange(forcing.intervals + 1) * forcing.step
     if controller is None:
         steps: diffrax.AbstractStepSizeController = ToRows(ts=times)
-        save, most = diffrax.SaveAt(t0=True, steps=True), campaign.intervals
+        save, max_steps = diffrax.SaveAt(t0=True, steps=True), forcing.intervals
     else:
-        steps, save, most = controller, diffrax.SaveAt(ts=times), 256 * len(times)
+        steps, save, max_steps = controller, diffrax.SaveAt(ts=times), 256 * len(times)
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(field),
         solver or DiagonallyImplicit(substeps),
         t0=0.0,
-        t1=campaign.intervals * campaign.step,
+        t1=forcing.intervals * forcing.step,
         dt0=None,
         y0=initial,
         saveat=save,
         stepsize_controller=steps,
         adjoint=diffrax.ForwardMode(),
-        max_steps=most,
+        max_steps=max_steps,
         throw=False,
     )
     assert solution.ys is not None
-    return jax.vmap(field.reading)(times, solution.ys)
+    return jax.vmap(field.sensor_temperatures)(times, solution.ys)

@@ -1,0 +1,4 @@
+from benchmarks.accuracy.discrepancy.score import main
+
+if __name__ == "__main__":
+    main()

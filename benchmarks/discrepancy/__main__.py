@@ -1,4 +1,0 @@
-from .score import main
-
-if __name__ == "__main__":
-    main()

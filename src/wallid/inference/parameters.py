@@ -1,0 +1,158 @@
+"""Named parameters with values, units, priors and bounds, and the one place where they become a vector."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float
+
+from .._internal.arrays import on_device
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a model: all that a new kind of parameter has to state.
+
+    Args:
+        name: its kind with its target in brackets, such as "sensor_offset[T1]".
+        unit: of the value; "" for a number.
+        value: where a search starts; a parameter that is not estimated keeps it.
+        prior_std: standard deviation of its normal prior about 0, in `unit`. Infinite: no prior. 0: the parameter is
+            known exactly and is not estimated.
+        lower, upper: bounds of the search, in `unit`.
+        scale: a typical size, in `unit`; None takes the prior standard deviation, or 1 without a prior.
+    """
+
+    name: str
+    unit: str = ""
+    value: float = 0.0
+    prior_std: float = np.inf
+    lower: float = -np.inf
+    upper: float = np.inf
+    scale: float | None = None
+
+
+def kind_of(name: str) -> str:
+    """The kind of a parameter: "sensor_offset" of "sensor_offset[T1]"."""
+    return name.partition("[")[0]
+
+
+def target_of(name: str) -> str:
+    """The target of a parameter: "T1" of "sensor_offset[T1]"; "" where it has none."""
+    return name.partition("[")[2].partition("]")[0]
+
+
+class Parameters(eqx.Module):
+    """All parameters of a model, addressed by name.
+
+    A pytree: values, priors, bounds and the mask of those that are estimated are arrays, so one compiled function
+    serves every choice of them. Names and units are static.
+
+    Args:
+        values, prior_std, lower, upper, scale: as in `Parameter`, each in the parameter's own unit.
+        estimated: the mask of the parameters that a fit may change.
+        names, units: in the order of the arrays.
+    """
+
+    values: Float[Array, " param"] = eqx.field(converter=on_device)
+    prior_std: Float[Array, " param"] = eqx.field(converter=on_device)
+    lower: Float[Array, " param"] = eqx.field(converter=on_device)
+    upper: Float[Array, " param"] = eqx.field(converter=on_device)
+    scale: Float[Array, " param"] = eqx.field(converter=on_device)
+    estimated: Bool[Array, " param"] = eqx.field(converter=on_device)
+    names: tuple[str, ...] = eqx.field(static=True)
+    units: tuple[str, ...] = eqx.field(static=True)
+
+    @staticmethod
+    def of(parameters: Iterable[Parameter]) -> Parameters:
+        """The parameters in this order, each estimated unless its prior standard deviation is 0.
+
+        Raises:
+            ValueError: a name that stands twice; a value outside its bounds; a prior standard deviation below 0.
+        """
+        parameters = tuple(parameters)
+        names = tuple(parameter.name for parameter in parameters)
+        for k, one in enumerate(parameters):
+            if one.name in names[:k]:
+                raise ValueError(f"Parameters: {one.name} stands twice; each name must be there once")
+            if not one.lower <= one.value <= one.upper:
+                raise ValueError(f"Parameters: {one.name} = {one.value:g} is outside {one.lower:g} to {one.upper:g}")
+            if not one.prior_std >= 0:
+                raise ValueError(f"Parameters: prior_std of {one.name} is {one.prior_std:g}; it must not be below 0")
+        prior_std = np.array([one.prior_std for one in parameters])
+        typical = np.where(np.isfinite(prior_std) & (prior_std > 0), prior_std, 1.0)
+        return Parameters(
+            values=np.array([one.value for one in parameters], float),
+            prior_std=prior_std,
+            lower=np.array([one.lower for one in parameters], float),
+            upper=np.array([one.upper for one in parameters], float),
+            scale=np.array([one.scale or size for one, size in zip(parameters, typical, strict=True)], float),
+            estimated=prior_std > 0,
+            names=names,
+            units=tuple(parameter.unit for parameter in parameters),
+        )
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.names
+
+    def __getitem__(self, name: str) -> Array:
+        return self.values[self.index(name)]
+
+    def index(self, name: str) -> int:
+        """Where a name stands in the arrays.
+
+        Raises:
+            KeyError: there is no parameter of this name; the message lists those of its kind.
+        """
+        try:
+            return self.names.index(name)
+        except ValueError:
+            alike = self.of_kind(kind_of(name))
+            raise KeyError(f"no parameter {name}; there are {', '.join(alike or self.names)}") from None
+
+    def indices(self, names: Iterable[str]) -> np.ndarray:
+        """Where some names stand in the arrays."""
+        return np.array([self.index(name) for name in names], int)
+
+    def of_kind(self, *kinds: str) -> tuple[str, ...]:
+        """The names of some kinds, in the order of the arrays."""
+        return tuple(name for name in self.names if kind_of(name) in kinds)
+
+    @property
+    def estimated_names(self) -> tuple[str, ...]:
+        """The names of the parameters that are estimated, in the order of the arrays."""
+        return tuple(name for name, one in zip(self.names, np.asarray(self.estimated), strict=True) if one)
+
+    def vector(self, names: Iterable[str]) -> Float[Array, " chosen"]:
+        """The values of some parameters, in the order of the names."""
+        return self.values[self.indices(names)]
+
+    def with_values(self, values: Mapping[str, Any] | Float[Array, " param"]) -> Parameters:
+        """The same parameters at other values: some of them by name, or all of them in order."""
+        if not isinstance(values, Mapping):
+            new = values
+        elif any(isinstance(value, Tracer) for value in (self.values, *values.values())):
+            new = self.values.at[self.indices(values)].set(jnp.stack([jnp.asarray(v, float) for v in values.values()]))
+        else:
+            new = np.array(self.values)
+            new[self.indices(values)] = list(values.values())
+        return eqx.tree_at(lambda p: p.values, self, on_device(new))
+
+    def estimating(self, names: Iterable[str]) -> Parameters:
+        """The same parameters, of which just these are estimated."""
+        mask = np.zeros(len(self), bool)
+        mask[self.indices(names)] = True
+        return eqx.tree_at(lambda p: p.estimated, self, on_device(mask))
+
+    def to_dict(self) -> dict[str, float]:
+        """Every value by its name."""
+        return dict(zip(self.names, np.asarray(self.values).tolist(), strict=True))

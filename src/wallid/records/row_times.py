@@ -1,0 +1,45 @@
+"""The times of a record's rows, as in its file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+STEP_TOLERANCE = 1e-3  # of the step: loggers round their times
+
+
+@dataclass(frozen=True, eq=False)
+class RowTimes:
+    """The times of rows.
+
+    Args:
+        seconds: since the file's first row, (time,).
+        stamps: datetime64[ns] in local time of `zone`, or s as in the file, (time,).
+        zone: fixed offset of the stamps from UTC; None where the file states none.
+    """
+
+    seconds: np.ndarray
+    stamps: np.ndarray
+    zone: str | None
+
+    @property
+    def may_have_daylight_saving(self) -> bool:
+        """Whether these are local times without a zone, which may follow daylight saving."""
+        return self.zone is None and np.issubdtype(self.stamps.dtype, np.datetime64)
+
+    def __getitem__(self, rows: Any) -> RowTimes:
+        """The times of some rows; `seconds` keep their origin."""
+        return RowTimes(self.seconds[rows], self.stamps[rows], self.zone)
+
+    def format(self, row: int) -> str:
+        """A row's time as text, for messages."""
+        return format_time(self.stamps[row], self.zone)
+
+
+def format_time(stamp: np.generic, zone: str | None) -> str:
+    """A time as text; without a fraction of a second where it is zero."""
+    if not isinstance(stamp, np.datetime64):
+        return f"{float(stamp):.15g} s"  # pyright: ignore[reportArgumentType]
+    return str(stamp).removesuffix(".000000000") + (zone or "")
