@@ -42,7 +42,7 @@ import pytest  # noqa: E402
 hypothesis.settings.register_profile("wallid", deadline=None, derandomize=True, print_blob=True)
 hypothesis.settings.load_profile("wallid")
 
-LONG = {"test_cli", "test_demo", "test_explain", "test_notebooks", "test_simulate"}  # a minute and more each
+LONG = {"test_commands", "test_demo", "test_diagnosis", "test_notebooks", "test_integration"}  # a minute and more each
 
 DATA = Path(os.environ.get("WALLID_DATA", Path(__file__).parents[2] / "shared" / "data"))
 

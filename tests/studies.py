@@ -8,7 +8,7 @@ from benchmarks.reference import simulator_with_effects as truth
 from benchmarks.reference.simulator_with_effects import Spec
 
 from wallid.case.case_file import load
-from wallid.discrepancy.problem import EffectParameters, diagnosis_problem
+from wallid.discrepancy.problem import diagnosis_problem
 
 # a wall that forgets how it began within hours: L^2 / (pi^2 alpha) = 1.4 h
 SPEC = Spec(
@@ -39,29 +39,23 @@ def slot_of(study, name, target=None, parameters=()):
         and study.target_name(slot.effect) == target
         and set(parameters) <= {parameter.name for parameter in slot.effect.parameters}
     ]
-    return min(found, key=lambda slot: len(slot.indices))
+    return min(found, key=lambda slot: len(slot.names))
 
 
-def vector(study, diffusivity, effects=()):
-    """The parameters' vector with a diffusivity (m2/s) and effects in, as (name, target, parameters)."""
-    theta = study.neutral.copy()
-    theta[0] = np.log(diffusivity / study.case.wall.diffusivity_prior)
+def parameters_at(study, diffusivity, effects=()):
+    """The parameters with a diffusivity (m2/s) and effects in, as (name, target, parameters)."""
+    values = {"log_diffusivity": np.log(diffusivity / study.case.wall.diffusivity_prior)}
     for name, target, parameters in effects:
         parameters = {key: value for key, value in parameters.items() if value is not None}
         if "hours" in parameters:
             parameters["start"], parameters["end"] = parameters.pop("hours")
         slot = slot_of(study, name, target, parameters)
-        for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True):
-            if parameter.name in parameters:
-                theta[index] = parameters[parameter.name]
-    return theta
+        values |= {slot.full_names[key]: value for key, value in parameters.items()}
+    return study.parameters.with_values(values)
 
 
 def trimmed(study, keep):
     """The study with a part of the library, which is compiled in a part of the time."""
-    effects = tuple(slot.effect for slot in study.library if keep(slot.effect))
-    slots, first = [], study.library[0].size_index
-    for effect in effects:
-        slots.append(EffectParameters(effect, first))
-        first += len(effect.parameters)
-    return replace(study, model=eqx.tree_at(lambda m: m.effects, study.model, effects), library=tuple(slots))
+    slots = tuple(slot for slot in study.library if keep(slot.effect))
+    effects = tuple(slot.effect for slot in slots)
+    return replace(study, model=eqx.tree_at(lambda m: m.effects, study.model, effects), library=slots)

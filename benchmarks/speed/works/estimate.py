@@ -82,4 +82,4 @@ IN_TURNS = ("LOM", "MIM 5")
 
 def asked(results: Results) -> list[Asked]:
     """What the issue asks."""
-    return [faster(results, "MIM 5", "LOM", 4), faster(results, "MIM 5", "least_squares on lsim", 200)]
+    return [faster(results, "MIM 5", "LOM", 3), faster(results, "MIM 5", "least_squares on lsim", 200)]

@@ -46,6 +46,5 @@ def asked(results: Results) -> list[Asked]:
     return [
         faster(results, "exact LOM", "lsim", 30),
         faster(results, "exact LOM", "diffrax Heun 30 s", 15),
-        faster(results, "MIM 5", "exact LOM", 5),
         within(results, "MIM 5", "C recurrence of order 5", 3),
     ]

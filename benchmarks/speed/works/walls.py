@@ -148,4 +148,4 @@ def asked(results: Results) -> list[Asked]:
     """What the issue asks, of the best way; cores that a way keeps busy are counted."""
     ours = [name for name in CONTENDERS if name in results and "least_squares" not in name]
     rates = [1e-3 / results[name].each / max(results[name].busy, 1.0) for name in ours]
-    return [Asked("walls a millisecond of a core", max(rates, default=None), 20, at_least=True, unit="walls")]
+    return [Asked("walls a millisecond of a core", max(rates, default=None), 10, at_least=True, unit="walls")]

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ..inference.likelihood import LOG_DIFFUSIVITY
 from .effect_fit import EffectFit
 from .problem import EffectParameters
 
@@ -30,7 +31,7 @@ def bic_penalty(fit: EffectFit, effects: Iterable[EffectParameters]) -> float:
     chosen = sum(
         not parameter.is_size for effect_parameters in effects for parameter in effect_parameters.effect.parameters
     )
-    return chosen * float(np.log(len(fit.noise.whiten)))
+    return chosen * float(np.log(len(fit.noise.whitening)))
 
 
 def penalised_cost(fit: EffectFit) -> float:
@@ -47,8 +48,8 @@ def reason_for_refusal(fit: EffectFit) -> str:
         return "the fit is not finite"
     for effect_parameters in fit.active:
         label, size = problem.label(effect_parameters.effect), effect_parameters.effect.parameters[0]
-        value = abs(fit.theta[effect_parameters.size_index])
-        if value < _MIN_SIZE_RATIO * fit.std(effect_parameters.size_index):
+        value = abs(float(fit.parameters[effect_parameters.names[0]]))
+        if value < _MIN_SIZE_RATIO * fit.std(effect_parameters.names[0]):
             return f"{label} has a size that this record cannot distinguish from zero"
         small = size.smallest_reported is not None and value < size.smallest_reported
         if small and _relative_shift(fit, effect_parameters) < _MIN_SHIFT:
@@ -59,8 +60,8 @@ def reason_for_refusal(fit: EffectFit) -> str:
 
 def _relative_shift(fit: EffectFit, effect_parameters: EffectParameters) -> float:
     """Shift of ln(alpha) by an effect over its standard deviation without the effect, to first order."""
-    index = fit.estimated_indices.index(effect_parameters.size_index)
-    covariance = fit.covariance
-    shift = abs(covariance[0, index] / covariance[index, index] * fit.theta[effect_parameters.size_index])
-    alone = max(covariance[0, 0] - covariance[0, index] ** 2 / covariance[index, index], 1e-300)
+    size, both = effect_parameters.names[0], [fit.index(LOG_DIFFUSIVITY), fit.index(effect_parameters.names[0])]
+    (variance, covariance), (_, size_variance) = fit.covariance[np.ix_(both, both)]
+    shift = abs(covariance / size_variance * float(fit.parameters[size]))
+    alone = max(variance - covariance**2 / size_variance, 1e-300)
     return float(shift / np.sqrt(alone))

@@ -6,8 +6,6 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from threading import Lock
 
-import numpy as np
-
 from .model_with_effects import face_impulse_response, first_order_columns, linearise
 from .problem import DiagnosisProblem
 
@@ -22,19 +20,17 @@ def compile_together(problem: DiagnosisProblem) -> None:
     """
     shape = (
         problem.record.rows,
-        problem.sensor_count,
         problem.model.substeps,
-        tuple(type(effect_parameters.effect) for effect_parameters in problem.library),
+        problem.parameters.names,
     )
     with _compiling:
         if shape in _compiled:
             return
-        theta, model, bins = problem.neutral, problem.model, problem.bins
-        zeros = np.zeros((problem.max_estimated, problem.parameter_count))
+        parameters, model, bins = problem.parameters, problem.model, problem.bins
         calls = (
-            lambda: linearise(model, bins, theta, zeros, linear=True),
-            lambda: first_order_columns(model, bins, theta, theta[None], zeros[:1]),
-            lambda: face_impulse_response(model, theta),
+            lambda: linearise(model, bins, parameters, (), linear=True),
+            lambda: first_order_columns(model, bins, parameters, [(problem.library[0].names[0], {})]),
+            lambda: face_impulse_response(model, parameters),
         )
         with ThreadPoolExecutor(min(len(calls), os.cpu_count() or 1)) as pool:
             for future in [pool.submit(call) for call in calls]:

@@ -59,10 +59,10 @@ def cross_validate(before: EffectFit, after: EffectFit) -> Gap:
     """
     rows = held_out(after.problem, after.events)
     if rows is None:
-        return Gap(before.gap, after.gap, after.noise.floor, None, None)
+        return Gap(before.gap, after.gap, after.noise.residual_rms, None, None)
     held_out_before = _held_out_gap(before, rows)
     held_out_after = held_out_before if after is before else _held_out_gap(after, rows)
-    return Gap(before.gap, after.gap, after.noise.floor, held_out_before, held_out_after)
+    return Gap(before.gap, after.gap, after.noise.residual_rms, held_out_before, held_out_after)
 
 
 def held_out(problem: DiagnosisProblem, events: Iterable[tuple[float, float]] = ()) -> np.ndarray | None:
@@ -95,7 +95,7 @@ def _training_fit(fit: EffectFit, rows: np.ndarray) -> EffectFit:
     key = rows.tobytes()
     if key not in fit.training_fits:
         used = ~_bins_with(fit.problem, rows)
-        fit.training_fits[key] = refit(fit.problem, fit.active, fit.theta, fit.noise, used=used)
+        fit.training_fits[key] = refit(fit.problem, fit.active, fit.parameters, fit.noise, used=used)
     return fit.training_fits[key]
 
 
@@ -116,7 +116,7 @@ def held_out_cost(fit: EffectFit, rows: np.ndarray) -> float:
 
 def _bins_with(problem: DiagnosisProblem, rows: np.ndarray) -> np.ndarray:
     """Mask of the binned readings that contain any of these rows."""
-    size = problem.bins.rows
+    size = problem.bins.rows_per_bin
     padded = np.pad(rows, (0, -len(rows) % size)).reshape(-1, size).any(axis=1)
     return np.tile(padded, problem.sensor_count)
 
@@ -149,8 +149,9 @@ def effect_by_window(fit: EffectFit, effect_parameters: EffectParameters) -> Eff
     The other estimated parameters have priors: their values and twice their uncertainty from the entire record.
     """
     problem, noise = fit.problem, fit.noise
-    k = fit.estimated_indices.index(effect_parameters.size_index)
-    bins = len(noise.whiten) // problem.sensor_count
+    size_name = effect_parameters.names[0]
+    k = fit.index(size_name)
+    bins = len(noise.whitening) // problem.sensor_count
     J, r = fit.unwhitened()
     prior = 1.0 / (_PRIOR_RATIO * np.sqrt(np.diag(fit.covariance)))
     prior[k] = 0.0
@@ -164,13 +165,13 @@ def effect_by_window(fit: EffectFit, effect_parameters: EffectParameters) -> Eff
         right = np.concatenate([W @ r[chosen], np.zeros(len(prior))])
         scale = np.maximum(np.linalg.norm(system, axis=0), 1e-300)
         inverse = np.linalg.pinv(system / scale, rcond=1e-12)
-        sizes.append(fit.theta[effect_parameters.size_index] + (inverse @ right)[k] / scale[k])
+        sizes.append(float(fit.parameters[size_name]) + (inverse @ right)[k] / scale[k])
         stds.append(np.linalg.norm(inverse[k]) / scale[k])
     size, std = np.array(sizes), np.array(stds)
-    informative = std < _MAX_STD_RATIO * max(fit.std(effect_parameters.size_index), 1e-300)
+    informative = std < _MAX_STD_RATIO * max(fit.std(size_name), 1e-300)
     size, std = np.where(informative, size, np.nan), np.where(informative, std, np.nan)
     weight = np.where(informative, 1.0 / np.where(informative, std, 1.0) ** 2, 0.0)
     mean = np.nansum(weight * size) / max(weight.sum(), 1e-300)
     p = float(scipy.special.chdtrc(max(informative.sum() - 1, 1), np.nansum(weight * (size - mean) ** 2)))
-    days = 0.5 * (edges[1:] + edges[:-1]) * problem.bins.rows * problem.record.step / DAY
+    days = 0.5 * (edges[1:] + edges[:-1]) * problem.bins.rows_per_bin * problem.record.step / DAY
     return EffectByWindow(days, size, std, p)

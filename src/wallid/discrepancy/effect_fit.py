@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import scipy
+from jaxtyping import Array
 
-from ..inference.noise_covariance import Noise
+from ..inference.likelihood import LOG_DIFFUSIVITY
+from ..inference.noise_covariance import NoiseCovariance
+from ..inference.parameters import Parameters
 from ..inference.quantity import NORMAL_95
 from .model_with_effects import linearise
 from .problem import DiagnosisProblem, EffectParameters
@@ -27,7 +31,7 @@ class EffectFit:
     Args:
         problem: the case prepared for the search.
         active: the effects in the model.
-        theta: all parameters, `(param,)`.
+        parameters: all at the fit, with the mask of those estimated.
         cost: `-2 log L` without the normalisation by the noise, with the priors.
         converged: whether the optimizer converged.
         noise: the noise covariance of the fit.
@@ -40,23 +44,22 @@ class EffectFit:
 
     problem: DiagnosisProblem
     active: tuple[EffectParameters, ...]
-    theta: np.ndarray
+    parameters: Parameters
     cost: float
     converged: bool
-    noise: Noise
+    noise: NoiseCovariance
     jacobian: np.ndarray = field(repr=False)
     residual: np.ndarray = field(repr=False)
     predicted: np.ndarray = field(repr=False)
     training_fits: dict[bytes, EffectFit] = field(default_factory=dict, init=False, repr=False)
 
-    @cached_property
-    def estimated_indices(self) -> list[int]:
-        """Indices of the estimated parameters."""
-        return self.problem.estimated_indices(self.active)
+    def index(self, name: str) -> int:
+        """Index of an estimated parameter in the Jacobian and the covariance."""
+        return self.parameters.estimated_names.index(name)
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Covariance of the estimated parameters, `(estimated, estimated)`."""
+        """Covariance in the order of `parameters.estimated_names`, `(estimated, estimated)`."""
         size = np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300)
         inverse = np.linalg.pinv(self.jacobian / size, rcond=1e-10)
         return (inverse @ inverse.T) / np.outer(size, size)
@@ -64,12 +67,12 @@ class EffectFit:
     @property
     def diffusivity(self) -> float:
         """Diffusivity alpha, m2/s."""
-        return float(np.exp(float(self.problem.model.log_prior) + self.theta[0]))
+        return float(np.exp(float(self.problem.model.log_prior) + float(self.parameters[LOG_DIFFUSIVITY])))
 
     @property
     def log_std(self) -> float:
         """Standard deviation of ln(alpha)."""
-        return float(np.sqrt(self.covariance[0, 0]))
+        return self.std(LOG_DIFFUSIVITY)
 
     @property
     def interval_95(self) -> tuple[float, float]:
@@ -81,22 +84,23 @@ class EffectFit:
     def events(self) -> list[tuple[float, float]]:
         """Start and duration of each single event (rain), s."""
         events = (
-            effect_parameters.effect.at(effect_parameters.values(self.theta)).event for effect_parameters in self.active
+            effect_parameters.effect.at(effect_parameters.values(self.parameters)).event
+            for effect_parameters in self.active
         )
         return [event for event in events if event]
 
-    def std(self, index: int) -> float:
-        """Standard deviation of an estimated parameter, by its index."""
-        k = self.estimated_indices.index(index)
+    def std(self, name: str) -> float:
+        """Standard deviation of an estimated parameter."""
+        k = self.index(name)
         return float(np.sqrt(self.covariance[k, k]))
 
     @property
     def at_bound(self) -> tuple[EffectParameters, ...]:
         """The effects with a parameter at a bound of its search range."""
-        low, high = self.problem.bounds
-        distance = np.minimum(self.theta - low, high - self.theta)
-        at_bound = distance <= _BOUND_TOLERANCE * self.problem.scale
-        return tuple(effect for effect in self.active if at_bound[list(effect.indices)].any())
+        p = self.parameters
+        distance = np.minimum(np.subtract(p.values, p.lower), np.subtract(p.upper, p.values))
+        at_bound = distance <= np.multiply(_BOUND_TOLERANCE, p.scale)
+        return tuple(effect for effect in self.active if at_bound[p.indices(effect.names)].any())
 
     @cached_property
     def residual_at_rows(self) -> np.ndarray:
@@ -106,11 +110,11 @@ class EffectFit:
     @property
     def prior_residual(self) -> np.ndarray:
         """Prior residuals of the estimated parameters, in prior standard deviations."""
-        return self.residual[-len(self.estimated_indices) :]
+        return self.residual[-self.jacobian.shape[1] :]
 
     def unwhitened(self) -> tuple[np.ndarray, np.ndarray]:
         """Jacobian (K per unit) and residual (K) of the binned readings, before whitening and without the priors."""
-        W = self.noise.whiten
+        W = self.noise.whitening
         J, r = (scipy.linalg.solve_triangular(W, part[: len(W)], lower=True) for part in (self.jacobian, self.residual))
         return J, r
 
@@ -123,10 +127,10 @@ class EffectFit:
 def refit(
     problem: DiagnosisProblem,
     active: tuple[EffectParameters, ...],
-    theta: np.ndarray,
-    noise: Noise,
+    parameters: Parameters,
+    noise: NoiseCovariance,
     *,
-    step: np.ndarray | None = None,
+    step: Mapping[str, float] | None = None,
     used: np.ndarray | None = None,
 ) -> EffectFit:
     """Fit the model with these effects, starting from given parameters.
@@ -134,28 +138,29 @@ def refit(
     Args:
         problem: the case prepared for the search.
         active: the effects in the model.
-        theta: initial parameters, `(param,)`; those that are not estimated keep their values.
+        parameters: where the search starts; those that are not estimated keep their values.
         noise: the noise covariance.
-        step: first step of the estimated parameters, such as the linear prediction; None for none.
+        step: first step of the estimated parameters by name, such as the linear prediction; None for none.
         used: mask of the binned readings to fit; None for all.
     """
-    estimated = problem.estimated_indices(active)
-    whiten = noise.whiten if used is None else whitening_of_subset(noise, np.flatnonzero(used))
-    initial = theta.copy()
-    for error, effect_parameters in problem.errors_replaced_by_effects(active):
+    whiten = noise.whitening if used is None else whitening_of_subset(noise, np.flatnonzero(used))
+    moved = {}
+    for error, effect_parameters in problem.replaced_errors(active).items():
         # the effect takes over the value of the error
-        initial[effect_parameters.size_index] += initial[error]
-        initial[error] = 0.0
-    ahead = initial.copy()
+        size = effect_parameters.names[0]
+        moved |= {size: float(parameters[size]) + float(parameters[error]), error: 0.0}
+    initial = parameters.with_values(moved).estimating(problem.estimated_names(active))
+    ahead = initial.flatten()
     if step is not None:
-        ahead[estimated] += step
-        ahead[0] = initial[0] + np.clip(step[0], -_MAX_INITIAL_STEP, _MAX_INITIAL_STEP)
-    least_squares = _LeastSquares(problem, active, estimated, whiten)
-    theta, at, converged = levenberg_marquardt(least_squares, ahead)
+        shift = np.clip(step[LOG_DIFFUSIVITY], -_MAX_INITIAL_STEP, _MAX_INITIAL_STEP)
+        ahead += [shift if name == LOG_DIFFUSIVITY else step.get(name, 0.0) for name in initial.estimated_names]
+    least_squares = _LeastSquares(problem, active, initial, whiten)
+    estimate, at, converged = levenberg_marquardt(least_squares, ahead)
     if not at.is_finite:  # the model is not finite at the first step
-        theta, at, converged = levenberg_marquardt(least_squares, initial)
+        estimate, at, converged = levenberg_marquardt(least_squares, initial.flatten())
     cost = float(at.residual @ at.residual) if at.is_finite else np.inf
-    return EffectFit(problem, active, theta, cost, converged, noise, at.jacobian, at.residual, at.predicted)
+    fitted = initial.unflatten(estimate)
+    return EffectFit(problem, active, fitted, cost, converged, noise, at.jacobian, at.residual, at.predicted)
 
 
 class _Linearisation(NamedTuple):
@@ -173,35 +178,32 @@ class _Linearisation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _LeastSquares:
-    """Minimise `|W (measured - model(theta))|^2 + |theta / prior_std|^2` over the estimated parameters."""
+    """Minimise `|W (measured - model(x))|^2 + |x / prior_std|^2` over the vector x of the estimated parameters."""
 
     problem: DiagnosisProblem
     active: tuple[EffectParameters, ...]
-    estimated: list[int]
+    initial: Parameters
     whiten: np.ndarray
 
-    def bounded(self, theta: np.ndarray) -> np.ndarray:
-        """The parameters clipped to their bounds."""
-        return np.clip(theta, *self.problem.bounds)
+    def estimated(self, values: Array) -> np.ndarray:
+        """Those of the estimated parameters."""
+        return np.asarray(values)[np.asarray(self.initial.estimated)]
 
-    def at(self, theta: np.ndarray) -> _Linearisation:
+    def at(self, x: np.ndarray) -> _Linearisation:
         """The residual, measured minus model, and the Jacobian of the model, with the rows of the priors below."""
-        problem, estimated = self.problem, self.estimated
-        directions = np.zeros((max(problem.max_estimated, len(estimated)), problem.parameter_count))
-        directions[np.arange(len(estimated)), estimated] = 1.0
-        linear = problem.is_linear(self.active)
-        predicted, slope = linearise(problem.model, problem.bins, theta, directions, linear=linear)
-        weight = 1.0 / problem.prior_std[estimated]  # 0 where there is no prior
+        problem, parameters = self.problem, self.initial.unflatten(x)
+        names, linear = parameters.estimated_names, problem.is_linear(self.active)
+        predicted, slope = linearise(problem.model, problem.bins, parameters, names, linear=linear)
+        weight = 1.0 / self.estimated(parameters.prior_std)  # 0 where there is no prior
+        whitened = self.whiten @ problem.binned(problem.record.sensors - predicted)
         return _Linearisation(
-            np.concatenate(
-                [self.whiten @ problem.binned(problem.record.sensors - predicted), -weight * theta[estimated]]
-            ),
-            np.concatenate([self.whiten @ slope[: len(estimated)].T, np.diag(weight)]),
+            np.concatenate([whitened, -weight * x]),
+            np.concatenate([self.whiten @ slope.T, np.diag(weight)]),
             predicted,
         )
 
 
-def levenberg_marquardt(least_squares: _LeastSquares, theta: np.ndarray) -> tuple[np.ndarray, _Linearisation, bool]:
+def levenberg_marquardt(least_squares: _LeastSquares, x: np.ndarray) -> tuple[np.ndarray, _Linearisation, bool]:
     """Bounded least squares by the Levenberg-Marquardt method, scaled by the column norms of the Jacobian.
 
     The loop is outside the compiled model, so that all sets of effects share one compilation. It holds bounds
@@ -210,20 +212,19 @@ def levenberg_marquardt(least_squares: _LeastSquares, theta: np.ndarray) -> tupl
     is not finite.
 
     Returns:
-        Parameters, residual and Jacobian there, and whether it converged.
+        The estimated parameters, residual and Jacobian there, and whether it converged.
 
     Source: J. J. More, Lect. Notes Math. 630 (1978), 105.
     """
-    estimated, damping = least_squares.estimated, 1e-6
-    theta = least_squares.bounded(theta)
-    current = least_squares.at(theta)
+    low, high = (least_squares.estimated(limit) for limit in (least_squares.initial.lower, least_squares.initial.upper))
+    x, damping = np.clip(x, low, high), 1e-6
+    current = least_squares.at(x)
     if not current.is_finite:
-        return theta, current, False
-    low, high = (limit[estimated] for limit in least_squares.problem.bounds)
+        return x, current, False
     for _ in range(_MAX_STEPS):
         residual, jacobian = current.residual, current.jacobian
         gradient = jacobian.T @ residual
-        moving = ~(((theta[estimated] <= low) & (gradient < 0)) | ((theta[estimated] >= high) & (gradient > 0)))
+        moving = ~(((x <= low) & (gradient < 0)) | ((x >= high) & (gradient > 0)))
         J = jacobian[:, moving]
         scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
         J = J / scale
@@ -231,30 +232,30 @@ def levenberg_marquardt(least_squares: _LeastSquares, theta: np.ndarray) -> tupl
         step = np.linalg.lstsq(damped, np.concatenate([residual, np.zeros(J.shape[1])]), rcond=None)[0]
         predicted_drop = float(residual @ residual - np.sum((residual - J @ step) ** 2))
         if predicted_drop < _COST_TOLERANCE:
-            return theta, current, True
-        trial = theta.copy()
-        trial[np.array(estimated)[moving]] += step / scale
-        trial = least_squares.bounded(trial)
+            return x, current, True
+        trial = x.copy()
+        trial[moving] += step / scale
+        trial = np.clip(trial, low, high)
         new = least_squares.at(trial)
         if new.is_finite and new.residual @ new.residual < residual @ residual:
-            theta, current = trial, new
+            x, current = trial, new
             damping = max(damping / 10.0, 1e-9)
         else:
             damping = max(10.0 * damping, 1e-3)
-    return theta, current, False
+    return x, current, False
 
 
-def whitening_block(noise: Noise, chosen: np.ndarray) -> np.ndarray:
+def whitening_block(noise: NoiseCovariance, chosen: np.ndarray) -> np.ndarray:
     """The whitening matrix for some of the readings, by their indices."""
     lower = np.linalg.cholesky(noise.covariance[np.ix_(chosen, chosen)])
     return scipy.linalg.solve_triangular(lower, np.eye(len(chosen)), lower=True)
 
 
-def whitening_of_subset(noise: Noise, chosen: np.ndarray) -> np.ndarray:
+def whitening_of_subset(noise: NoiseCovariance, chosen: np.ndarray) -> np.ndarray:
     """The same with zero rows and columns for the other readings; cached, as all fits share the days held out."""
     key = chosen.tobytes()
-    if key not in noise.parts:
+    if key not in noise.whitenings_of_parts:
         part = np.zeros_like(noise.covariance)
         part[np.ix_(chosen, chosen)] = whitening_block(noise, chosen)
-        noise.parts[key] = part
-    return noise.parts[key]
+        noise.whitenings_of_parts[key] = part
+    return noise.whitenings_of_parts[key]

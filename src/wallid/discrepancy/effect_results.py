@@ -41,7 +41,7 @@ class NamedEffect:
     """An effect that the plain model misses.
 
     Args:
-        effect_parameters: the effect and the indices of its parameters.
+        effect_parameters: the effect and the names of its parameters.
         values: value and standard deviation of each parameter, by its name.
         expected_gain: drop of `-2 log L` by the linear prediction.
         gain: drop of `-2 log L` by the refit.
@@ -64,7 +64,7 @@ class RankedEffect:
     """One row of the ranked table: an effect against the plain model.
 
     Args:
-        effect_parameters: the effect and the indices of its parameters.
+        effect_parameters: the effect and the names of its parameters.
         label: the effect and its target, as text.
         expected_gain: drop of `-2 log L` by the linear prediction.
         gain: drop of `-2 log L` by a refit; None where none was made.

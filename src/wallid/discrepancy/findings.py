@@ -97,7 +97,9 @@ class Findings:
         held_out, noise = self.gap.held_out_after, self.after.noise
         if held_out is None:
             return False
-        return bool((held_out / self.gap.noise_floor) ** 2 > _HELD_OUT_VARIANCE_RATIO * np.exp(2.0 * noise.spread))
+        return bool(
+            (held_out / self.gap.noise_floor) ** 2 > _HELD_OUT_VARIANCE_RATIO * np.exp(2.0 * noise.log_power_std)
+        )
 
     @property
     def _chance_gain(self) -> float:

@@ -1,13 +1,13 @@
-"""The wall with all effects of the library, as a compiled function of one parameter vector.
+"""The wall with all effects of the library, as a compiled function of its parameters.
 
-The vector holds ln(alpha / prior), the amplitudes of the sine modes of the initial profile, position errors and
-offsets of the inner sensors, depths of the face sensors, and the parameters of every effect. At neutral values the
-model is exactly the plain one, so one compilation serves all combinations of effects.
+At neutral values of the effects the model is exactly the plain one, so one compilation serves all combinations of
+effects. It serves all priors and bounds too, which are data.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
@@ -17,14 +17,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._internal.arrays import on_device
-from ..case.initial_profile import PROFILE_MODES
-from ..case.wall_and_sensors import SIDES
-from ..inference.noise_covariance import Bins
+from ..inference.likelihood import LOG_DIFFUSIVITY, PROFILE_MODE
+from ..inference.noise_covariance import BinnedReadings
+from ..inference.nuisance_parameters import FacePositions, SensorOffsets, SensorPositions
+from ..inference.parameters import Parameters
 from .effects.base import AbstractEffect
 from .effects.equation_terms import ForcingData, Terms
 from .forward.first_order import BaseSolution, first_order_response, solve_base
 from .forward.response import face_response, simulate_readings
 
+_MOST_OF_EFFECTS = 8  # parameters of effects that a fit may estimate without another compilation
 _COLUMNS = 32  # columns of a Jacobian per call of the compiled function, computed one after the other
 _CHUNK = 2  # directions of a linear wall computed together: more do not fit into the cache
 # directions of a nonlinear wall computed together: more share each small step, fewer use more cores
@@ -32,139 +34,139 @@ _NONLINEAR_CHUNK = 10
 
 
 class ModelWithEffects(eqx.Module):
-    """The wall with all effects of the library, as a function of the parameter vector.
+    """The wall with all effects of the library, as a function of its parameters.
 
     Args:
         forcing: face temperatures, regressors and cells of the wall.
-        effects: the effects of the library, in the order of the parameter vector.
+        effects: the effects of the library.
         log_prior: ln of the prior diffusivity, alpha in m2/s.
-        sensor_count: number of inner sensors.
+        sensors: names of the inner sensors.
         substeps: steps between two rows of the implicit solver and of the first-order response.
     """
 
     forcing: ForcingData
     effects: tuple[AbstractEffect, ...]
     log_prior: Float[Array, ""]
-    sensor_count: int = eqx.field(static=True)
+    sensors: tuple[str, ...] = eqx.field(static=True)
     substeps: int = eqx.field(static=True)
 
-    def predict(self, theta: Float[Array, " param"], *, linear: bool) -> Float[Array, "time sensor"]:
+    def predict(self, parameters: Parameters, *, linear: bool) -> Float[Array, "time sensor"]:
         """The readings of the inner sensors, degC; `linear` leaves out the nonlinear effects."""
-        terms = self.terms(theta, linear=linear)
-        return simulate_readings(
-            terms, self.forcing, self.diffusivity(theta), self.profile(theta), linear=linear, substeps=self.substeps
-        )
+        terms, profile = self.terms(parameters, linear=linear), self.profile(parameters)
+        diffusivity = self.diffusivity(parameters)
+        return simulate_readings(terms, self.forcing, diffusivity, profile, linear=linear, substeps=self.substeps)
 
-    def base_solution(self, theta: Float[Array, " param"]) -> BaseSolution:
+    def base_solution(self, parameters: Parameters) -> BaseSolution:
         """The solution of the linear part of the wall, about which the effects are linearised."""
-        terms = self.terms(theta, linear=True)
-        return solve_base(terms, self.forcing, self.diffusivity(theta), self.profile(theta), substeps=self.substeps)
+        terms, profile = self.terms(parameters, linear=True), self.profile(parameters)
+        return solve_base(terms, self.forcing, self.diffusivity(parameters), profile, substeps=self.substeps)
 
     def first_order_response(
-        self, base: BaseSolution, theta: Float[Array, " param"], direction: Float[Array, " param"]
+        self, base: BaseSolution, parameters: Parameters, direction: Float[Array, " param"]
     ) -> Float[Array, "time sensor"]:
         """The derivative of the readings by the size of an effect at its neutral value, K per unit.
 
         Args:
             base: the linear part of the wall.
-            theta: the parameters of the base with the effect at its grid point.
-            direction: unit vector of the size of the effect.
+            parameters: those of the base with the effect at its grid point.
+            direction: 1 for the size of the effect, 0 for all other parameters.
         """
-        terms, change = jax.jvp(lambda t: self.terms(t, linear=False), (theta,), (direction,))
-        return first_order_response(
-            base, terms, change, self.forcing, self.diffusivity(theta), self.profile(theta), substeps=self.substeps
+        terms, change = jax.jvp(
+            lambda values: self.terms(parameters.with_values(values), linear=False), (parameters.values,), (direction,)
         )
+        diffusivity, profile = self.diffusivity(parameters), self.profile(parameters)
+        return first_order_response(base, terms, change, self.forcing, diffusivity, profile, substeps=self.substeps)
 
-    def diffusivity(self, theta: Float[Array, " param"]) -> Array:
+    def diffusivity(self, parameters: Parameters) -> Array:
         """Diffusivity alpha, m2/s."""
-        return jnp.exp(self.log_prior + theta[0])
+        return jnp.exp(self.log_prior + parameters[LOG_DIFFUSIVITY])
 
-    def profile(self, theta: Float[Array, " param"]) -> Float[Array, " mode"]:
+    def profile(self, parameters: Parameters) -> Float[Array, " mode"]:
         """Amplitudes of the sine modes of the initial profile, K."""
-        return theta[1 : 1 + PROFILE_MODES]
+        return parameters.vector(parameters.of_kind(PROFILE_MODE))
 
-    def terms(self, theta: Float[Array, " param"], *, linear: bool) -> Terms:
+    def terms(self, parameters: Parameters, *, linear: bool) -> Terms:
         """The terms of the wall with every effect at its parameters."""
-        first = 1 + PROFILE_MODES
-        position, offset = (
-            theta[first : first + self.sensor_count],
-            theta[first + self.sensor_count : first + 2 * self.sensor_count],
+        position, offset, depth = (
+            parameters.vector(parameters.of_kind(kind.kind)) for kind in (SensorPositions, SensorOffsets, FacePositions)
         )
-        used = first + 2 * self.sensor_count
-        depth = theta[used : used + len(SIDES)]
         terms = Terms.plain(self.forcing).add(position=position, offset=offset, depth=depth)
-        used += len(SIDES)
         for effect in self.effects:
             if effect.linear or not linear:
-                values = {p.name: theta[used + i] for i, p in enumerate(effect.parameters)}
-                terms = effect.at(values).apply(terms, self.forcing)
-            used += len(effect.parameters)
+                names = zip(effect.parameters, effect.parameter_names(self.sensors), strict=True)
+                terms = effect.at({own.name: parameters[name] for own, name in names}).apply(terms, self.forcing)
         return terms
 
 
 def first_order_columns(
-    model: ModelWithEffects, bins: Bins, base: np.ndarray, theta: np.ndarray, direction: np.ndarray
+    model: ModelWithEffects,
+    bins: BinnedReadings,
+    base: Parameters,
+    candidates: Sequence[tuple[str, Mapping[str, float]]],
 ) -> np.ndarray:
     """Derivatives of the binned predictions by the sizes of effects at their neutral values.
 
     Args:
         model: the wall with all effects.
         bins: the readings.
-        base: parameters of the fit, `(param,)`; the derivatives are taken at its linear part.
-        theta: the same with each effect at its grid point, `(column, param)`.
-        direction: unit vector of each size, `(column, param)`.
+        base: parameters of the fit; the derivatives are taken at its linear part.
+        candidates: the name of each size, and the values of the effect's other parameters by their names.
 
     Returns:
-        K per unit of the size, `(column, reading)`.
+        K per unit of the size, `(candidate, reading)`.
     """
-    count = len(theta)
-    theta, direction = (_padded(part, _COLUMNS) for part in (theta, direction))
-    solution = _base_solution(model, on_device(base))
+    values = np.repeat(np.asarray(base.values)[None], len(candidates), axis=0)
+    for row, (_, at) in zip(values, candidates, strict=True):
+        row[base.indices(at)] = list(at.values())
+    directions, solution = _unit_vectors(base, [size for size, _ in candidates]), _base_solution(model, base)
     columns = [
-        _first_order(model, bins, solution, on_device(theta[part]), on_device(direction[part]))
-        for part in (slice(k, k + _COLUMNS) for k in range(0, len(theta), _COLUMNS))
+        np.asarray(_first_order(model, bins, solution, base, on_device(at), on_device(direction)))
+        for at, direction in zip(_chunks(values, _COLUMNS), _chunks(directions, _COLUMNS), strict=True)
     ]
-    return np.concatenate([np.asarray(part) for part in columns])[:count]
+    return np.concatenate(columns)[: len(candidates)]
 
 
 @eqx.filter_jit
-def _base_solution(model: ModelWithEffects, theta: Float[Array, " param"]) -> BaseSolution:
-    return model.base_solution(theta)
+def _base_solution(model: ModelWithEffects, parameters: Parameters) -> BaseSolution:
+    return model.base_solution(parameters)
 
 
 @eqx.filter_jit
 def _first_order(
     model: ModelWithEffects,
-    bins: Bins,
-    base: BaseSolution,
-    theta: Float[Array, "column param"],
-    direction: Float[Array, "column param"],
+    bins: BinnedReadings,
+    solution: BaseSolution,
+    base: Parameters,
+    values: Float[Array, "column param"],
+    directions: Float[Array, "column param"],
 ) -> Float[Array, "column reading"]:
     def column(pair: tuple[Array, Array]) -> Array:
-        nonzero = jnp.any(pair[1] != 0.0)
+        at, direction = base.with_values(pair[0]), pair[1]
         return jax.lax.cond(
-            nonzero, lambda: bins.mean(model.first_order_response(base, *pair)), lambda: jnp.zeros(bins.readings)
+            jnp.any(direction != 0.0),
+            lambda: bins.mean(model.first_order_response(solution, at, direction)),
+            lambda: jnp.zeros(bins.readings),
         )
 
-    return jax.lax.map(column, (theta, direction))
+    return jax.lax.map(column, (values, directions))
 
 
 @eqx.filter_jit
-def predict(model: ModelWithEffects, theta: Float[Array, " param"], linear: bool) -> Float[Array, "time sensor"]:
+def predict(model: ModelWithEffects, parameters: Parameters, linear: bool) -> Float[Array, "time sensor"]:
     """The readings of the inner sensors, degC; `linear` leaves out the nonlinear effects."""
-    return model.predict(theta, linear=linear)
+    return model.predict(parameters, linear=linear)
 
 
-def face_impulse_response(model: ModelWithEffects, theta: np.ndarray) -> np.ndarray:
+def face_impulse_response(model: ModelWithEffects, parameters: Parameters) -> np.ndarray:
     """The response of the inner readings to an error of 1 K in one reading of one face, `(face, row, sensor)`.
 
     Between rows the error is linear. Effects at the faces (such as a lag) apply to it.
     """
-    return np.asarray(_impulses(model, on_device(theta)))
+    return np.asarray(_impulses(model, parameters))
 
 
 @eqx.filter_jit
-def _impulses(model: ModelWithEffects, theta: Float[Array, " param"]) -> Float[Array, "face time sensor"]:
+def _impulses(model: ModelWithEffects, parameters: Parameters) -> Float[Array, "face time sensor"]:
     forcing = model.forcing
     zeros = jnp.zeros_like(forcing.faces)
 
@@ -174,67 +176,77 @@ def _impulses(model: ModelWithEffects, theta: Float[Array, " param"]) -> Float[A
 
         def terms(size: Array) -> Terms:
             disturbed = eqx.tree_at(lambda m: m.forcing.faces, model, forcing.faces + size * triangle)
-            return disturbed.terms(theta, linear=True)
+            return disturbed.terms(parameters, linear=True)
 
         plain, change = jax.jvp(terms, (jnp.zeros(()),), (jnp.ones(()),))
-        return face_response(plain, change.faces, forcing, model.diffusivity(theta))
+        return face_response(plain, change.faces, forcing, model.diffusivity(parameters))
 
     both = jnp.stack([response(0), response(1)])
     return jnp.concatenate([both[:, 1:], both[:, -1:]], axis=1)
 
 
 def linearise(
-    model: ModelWithEffects, bins: Bins, theta: np.ndarray, directions: np.ndarray, *, linear: bool
+    model: ModelWithEffects, bins: BinnedReadings, parameters: Parameters, names: Sequence[str], *, linear: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The predictions at the rows and the derivatives of their bin means along some directions.
+    """The predictions at the rows and the derivatives of their bin means by some parameters.
 
     Args:
         model: the wall with all effects.
         bins: the readings.
-        theta: parameters, `(param,)`.
-        directions: `(direction, param)`; rows of zeros cost nothing.
-        linear: whether to leave out the nonlinear effects. A linear wall is compiled again for each number of chunks
-            of directions; the chunks of a nonlinear wall run in parallel threads.
+        parameters: the point.
+        names: of the parameters of the derivatives.
+        linear: whether to leave out the nonlinear effects. A linear wall is compiled once for up to eight parameters
+            of effects; the chunks of a nonlinear wall run in parallel threads.
 
     Returns:
-        Predictions, degC, `(time, sensor)`, and derivatives, K per unit, `(direction, reading)`.
+        Predictions, degC, `(time, sensor)`, and derivatives, K per unit, `(name, reading)`.
     """
-    count = len(directions)
+    directions = _unit_vectors(parameters, names)
     if linear:
-        value, slope = _linearise(model, bins, on_device(theta), on_device(_padded(directions, _CHUNK)))
-        return np.asarray(value), np.asarray(slope)[:count]
+        most = sum(not name.startswith("effect.") for name in parameters.names) + _MOST_OF_EFFECTS
+        directions = np.pad(directions, ((0, max(0, most - len(names))), (0, 0)))
+        value, slope = _linearise(model, bins, parameters, on_device(np.stack(_chunks(directions, _CHUNK))))
+        return np.asarray(value), np.asarray(slope)[: len(names)]
 
     def derivatives(some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        value, slope = _linearise_nonlinear(model, bins, on_device(theta), on_device(some))
+        value, slope = _linearise_nonlinear(model, bins, parameters, on_device(some))
         return np.asarray(value), np.asarray(slope)
 
-    used = np.flatnonzero(directions.any(axis=1))
-    padded = _padded(directions[used] if used.size else directions[:1], _NONLINEAR_CHUNK)
-    chunks = np.split(padded, len(padded) // _NONLINEAR_CHUNK)
-    shape = jax.tree.structure(model), *(leaf.shape for leaf in jax.tree.leaves((model, bins)))
-    with ThreadPoolExecutor(
-        os.cpu_count() if shape in _compiled_shapes else 1
-    ) as pool:  # the first call compiles for all
-        values, slopes = zip(*pool.map(derivatives, chunks), strict=True)
+    arguments = model, bins, parameters
+    shape = jax.tree.structure(arguments), *(leaf.shape for leaf in jax.tree.leaves(arguments))
+    # the first call compiles for all
+    with ThreadPoolExecutor(os.cpu_count() if shape in _compiled_shapes else 1) as pool:
+        values, slopes = zip(*pool.map(derivatives, _chunks(directions, _NONLINEAR_CHUNK)), strict=True)
     _compiled_shapes.add(shape)
-    slope = np.zeros((count, slopes[0].shape[1]))
-    slope[used] = np.concatenate(slopes)[: used.size]
-    return values[0], slope
+    return values[0], np.concatenate(slopes)[: len(names)]
 
 
 _compiled_shapes: set[tuple[object, ...]] = set()
 
 
-def _padded(rows: np.ndarray, chunk: int) -> np.ndarray:
-    """The rows, padded with zeros to full chunks, so that another number of rows needs no new compilation."""
-    return np.pad(rows, ((0, -len(rows) % chunk), (0, 0)))
+def _chunks(rows: np.ndarray, size: int) -> list[np.ndarray]:
+    """The rows in chunks, the last padded with zeros, so that another number of rows needs no new compilation."""
+    padded = np.pad(rows, ((0, -len(rows) % size), (0, 0)))
+    return np.split(padded, len(padded) // size)
+
+
+def _unit_vectors(parameters: Parameters, names: Sequence[str]) -> np.ndarray:
+    """One row for each name: 1 for this parameter, 0 for the others."""
+    return np.eye(len(parameters))[parameters.indices(names)]
+
+
+def _function_of_values(
+    model: ModelWithEffects, parameters: Parameters, *, linear: bool
+) -> Callable[[Float[Array, " param"]], Float[Array, "time sensor"]]:
+    """The prediction as a function of the values of all parameters, to differentiate it."""
+    return lambda values: model.predict(parameters.with_values(values), linear=linear)
 
 
 @eqx.filter_jit
 def _linearise(
-    model: ModelWithEffects, bins: Bins, theta: Float[Array, " param"], directions: Float[Array, "direction param"]
+    model: ModelWithEffects, bins: BinnedReadings, parameters: Parameters, directions: Float[Array, "chunk two param"]
 ) -> tuple[Float[Array, "time sensor"], Float[Array, "direction reading"]]:
-    value, along = jax.linearize(lambda t: model.predict(t, linear=True), theta)
+    value, along = jax.linearize(_function_of_values(model, parameters, linear=True), parameters.values)
 
     def slopes(some: Array) -> Array:
         return jax.vmap(lambda direction: bins.mean(along(direction)))(some)
@@ -243,16 +255,16 @@ def _linearise(
         """Zeros, without computation, where every direction is zero."""
         return jax.lax.cond(jnp.any(some != 0.0), slopes, lambda some: jnp.zeros((some.shape[0], bins.readings)), some)
 
-    chunks = directions.reshape(-1, _CHUNK, directions.shape[1])
-    return value, jax.lax.map(some_slopes, chunks).reshape(directions.shape[0], bins.readings)
+    return value, jax.lax.map(some_slopes, directions).reshape(-1, bins.readings)
 
 
 @eqx.filter_jit
 def _linearise_nonlinear(
-    model: ModelWithEffects, bins: Bins, theta: Float[Array, " param"], directions: Float[Array, "direction param"]
+    model: ModelWithEffects, bins: BinnedReadings, parameters: Parameters, directions: Float[Array, "direction param"]
 ) -> tuple[Float[Array, "time sensor"], Float[Array, "direction reading"]]:
     def directional(direction: Array) -> tuple[Array, Array]:
-        value, slope = jax.jvp(lambda t: model.predict(t, linear=False), (theta,), (direction,))
+        predict_at = _function_of_values(model, parameters, linear=False)
+        value, slope = jax.jvp(predict_at, (parameters.values,), (direction,))
         return value, bins.mean(slope)
 
     return jax.vmap(directional, out_axes=(None, 0))(directions)

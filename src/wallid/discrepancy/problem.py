@@ -1,14 +1,13 @@
 """A case prepared for the diagnosis: its model, readings, parameters, priors and bounds.
 
-The parameter vector holds ln(alpha / prior), the nuisance parameters with their priors (amplitudes of the initial
-profile, position errors and offsets of the sensors) and the parameters of every effect of the library. A model
-contains an effect where the parameters of the effect are estimated; otherwise they keep their neutral values.
+The parameters are ln(alpha / prior), the nuisance parameters with their priors (amplitudes of the initial profile,
+position errors and offsets of the sensors) and the parameters of every effect of the library. A model contains an
+effect where the parameters of the effect are estimated; otherwise they keep their neutral values.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
@@ -16,12 +15,15 @@ from .._internal.arrays import on_device
 from .._internal.errors import InputError
 from ..case.case_definition import Case
 from ..case.initial_profile import PROFILE_MODES
-from ..case.time_window import diagnosis_window
+from ..case.time_window import Window, diagnosis_window
 from ..case.wall_and_sensors import SIDES
-from ..inference.noise_covariance import MOST_READINGS, Bins
+from ..inference.likelihood import LOG_DIFFUSIVITY, PROFILE_MODE
+from ..inference.noise_covariance import MAX_READINGS, BinnedReadings
+from ..inference.nuisance_parameters import FacePositions, SensorOffsets, SensorPositions
+from ..inference.parameters import Parameter, Parameters
 from ..models.state_space import require_x64
 from ..records.uniform_record import Record
-from .effects.base import AbstractEffect, Parameter
+from .effects.base import AbstractEffect
 from .effects.catalogue import library
 from .effects.heat_sources import AIRS
 from .effects.search_range import SearchRange, search_range_of_record
@@ -29,32 +31,33 @@ from .forward.time_stepping import MAX_SUBSTEP
 from .model_with_effects import ModelWithEffects
 from .record_forcing import forcing_of_record
 
+_SENSOR_ERRORS = {  # the sensor error that an effect estimates without a prior
+    "sensor_position": SensorPositions.kind,
+    "sensor_offset": SensorOffsets.kind,
+    "face_depth": FacePositions.kind,
+}
+
 
 @dataclass(frozen=True, eq=False)
 class EffectParameters:
-    """An effect and the indices of its parameters in the parameter vector.
+    """An effect and the names of its parameters.
 
     Args:
         effect: the effect.
-        size_index: index of its first parameter, the size.
+        names: of its parameters in `DiagnosisProblem.parameters`; the first is the size.
     """
 
     effect: AbstractEffect
-    size_index: int
+    names: tuple[str, ...]
 
     @property
-    def indices(self) -> range:
-        """Indices of all its parameters; the first is the size."""
-        return range(self.size_index, self.size_index + len(self.effect.parameters))
+    def full_names(self) -> dict[str, str]:
+        """The names of its parameters in the problem, by their names in the effect."""
+        return {parameter.name: name for parameter, name in zip(self.effect.parameters, self.names, strict=True)}
 
-    def values(self, theta: np.ndarray) -> dict[str, float]:
-        """The values of its parameters in a parameter vector, by their names."""
-        return {parameter.name: float(theta[i]) for i, parameter in self.indexed_parameters}
-
-    @property
-    def indexed_parameters(self) -> list[tuple[int, Parameter]]:
-        """Each of its parameters with its index."""
-        return list(zip(self.indices, self.effect.parameters, strict=True))
+    def values(self, parameters: Parameters) -> dict[str, float]:
+        """The values of its parameters, by their names in the effect."""
+        return {key: float(parameters[name]) for key, name in self.full_names.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,26 +69,24 @@ class DiagnosisProblem:
         record: the rows used.
         model: the wall with all effects of the library.
         bins: the readings, averaged over bins of rows.
-        library: the effects with the indices of their parameters, in the order of the parameter vector.
+        library: the effects with the names of their parameters.
+        parameters: of the plain model at the prior diffusivity, each effect with size 0 at the first point of its
+            grid. The plain model estimates those of the mask.
         search_range: ranges of the positions, times and temperatures of effects.
     """
 
     case: Case
     record: Record
     model: ModelWithEffects = field(repr=False)
-    bins: Bins = field(repr=False)
+    bins: BinnedReadings = field(repr=False)
     library: tuple[EffectParameters, ...] = field(repr=False)
+    parameters: Parameters = field(repr=False)
     search_range: SearchRange
 
     @property
     def sensor_count(self) -> int:
         """Number of inner sensors."""
-        return self.model.sensor_count
-
-    @property
-    def parameter_count(self) -> int:
-        """Length of the parameter vector."""
-        return self.library[-1].indices.stop
+        return len(self.case.sensors)
 
     def binned(self, values: np.ndarray) -> np.ndarray:
         """Means over the readings of each bin, sensor by sensor, `(reading,)`; 0 in an empty bin.
@@ -94,94 +95,24 @@ class DiagnosisProblem:
             values: at the rows, `(time, sensor)`.
         """
         present = np.asarray(self.bins.present) > 0
-        short = -len(values) % self.bins.rows
+        short = -len(values) % self.bins.rows_per_bin
         padded = np.pad(np.where(present, values, 0.0), ((0, short), (0, 0)))
-        total = padded.reshape(-1, self.bins.rows, self.sensor_count).sum(axis=1)
+        total = padded.reshape(-1, self.bins.rows_per_bin, self.sensor_count).sum(axis=1)
         return (total / np.maximum(np.asarray(self.bins.counts()), 1.0)).T.reshape(-1)
 
-    @cached_property
-    def profile(self) -> range:
-        """Indices of the amplitudes of the initial profile, K."""
-        return range(1, 1 + PROFILE_MODES)
+    def replaced_errors(self, active: tuple[EffectParameters, ...]) -> dict[str, EffectParameters]:
+        """The names of the sensor errors with a prior that an effect replaces without one, each with the effect."""
+        return {
+            f"{_SENSOR_ERRORS[one.effect.name]}[{self.target_name(one.effect)}]": one
+            for one in active
+            if one.effect.name in _SENSOR_ERRORS
+        }
 
-    @cached_property
-    def positions(self) -> range:
-        """Indices of the position errors of the inner sensors, m."""
-        return range(self.profile.stop, self.profile.stop + self.sensor_count)
-
-    @cached_property
-    def offsets(self) -> range:
-        """Indices of the offsets of the inner sensors, K."""
-        return range(self.positions.stop, self.positions.stop + self.sensor_count)
-
-    @cached_property
-    def face_positions(self) -> range:
-        """Indices of the depths of the two face sensors inside the wall, m."""
-        return range(self.offsets.stop, self.offsets.stop + len(SIDES))
-
-    @cached_property
-    def prior_std(self) -> np.ndarray:
-        """Prior standard deviation of each parameter; infinite where there is no prior."""
-        std = np.full(self.parameter_count, np.inf)
-        span = max(1.0, self.search_range.warmest - self.search_range.coldest)
-        std[self.profile] = span / np.arange(1, PROFILE_MODES + 1)
-        for s, sensor in enumerate(self.case.sensors):
-            std[self.positions[s]] = sensor.position_std
-            std[self.offsets[s]] = sensor.offset_std
-        std[self.face_positions] = self.record.face_position_std
-        return std
-
-    @cached_property
-    def scale(self) -> np.ndarray:
-        """Typical magnitude of each parameter."""
-        scale = np.where(np.isfinite(self.prior_std), self.prior_std, 0.1)
-        for effect_parameters in self.library:
-            scale[list(effect_parameters.indices)] = [p.scale for p in effect_parameters.effect.parameters]
-        return scale
-
-    @cached_property
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds of each parameter, `(param,)` each."""
-        low, high = np.full(self.parameter_count, -np.inf), np.full(self.parameter_count, np.inf)
-        for effect_parameters in self.library:
-            for index, parameter in effect_parameters.indexed_parameters:
-                low[index], high[index] = effect_parameters.effect.bounds(parameter, self.search_range)
-        return low, high
-
-    @cached_property
-    def neutral(self) -> np.ndarray:
-        """Parameters of the plain model at the prior diffusivity; the first grid point of each effect."""
-        theta = np.zeros(self.parameter_count)
-        for effect_parameters in self.library:
-            first = next(iter(effect_parameters.effect.scan(self.search_range)), {})
-            for index, parameter in effect_parameters.indexed_parameters:
-                if not parameter.is_size:
-                    default = float(getattr(effect_parameters.effect, parameter.name))
-                    theta[index] = first.get(parameter.name, default)
-        return theta
-
-    def errors_replaced_by_effects(self, active: tuple[EffectParameters, ...]) -> list[tuple[int, EffectParameters]]:
-        """Indices of the sensor errors with a prior that an effect replaces without one, each with the effect."""
-        kinds = {"sensor_position": self.positions, "sensor_offset": self.offsets, "face_depth": self.face_positions}
-        replaced = []
-        for effect_parameters in active:
-            target = effect_parameters.effect.target
-            index = SIDES.index(target) if target in SIDES else target
-            if effect_parameters.effect.name in kinds and isinstance(index, int):
-                replaced.append((kinds[effect_parameters.effect.name][index], effect_parameters))
-        return replaced
-
-    def estimated_indices(self, active: tuple[EffectParameters, ...]) -> list[int]:
-        """Indices of the parameters that a fit with these effects estimates."""
-        replaced = {error for error, _ in self.errors_replaced_by_effects(active)}
-        errors = [*self.positions, *self.offsets, *self.face_positions]
-        plain = [0, *self.profile, *(i for i in errors if self.prior_std[i] > 0 and i not in replaced)]
-        return [*plain, *(index for effect_parameters in active for index in effect_parameters.indices)]
-
-    @cached_property
-    def max_estimated(self) -> int:
-        """Largest number of estimated parameters of the compiled fit: eight for the effects."""
-        return len(self.estimated_indices(())) + 8
+    def estimated_names(self, active: tuple[EffectParameters, ...]) -> tuple[str, ...]:
+        """The names of the parameters that a fit with these effects estimates."""
+        replaced = self.replaced_errors(active)
+        plain = (name for name in self.parameters.estimated_names if name not in replaced)
+        return (*plain, *(name for one in active for name in one.names))
 
     def is_linear(self, active: tuple[EffectParameters, ...]) -> bool:
         """Whether the wall with these effects is linear and constant in time."""
@@ -189,8 +120,7 @@ class DiagnosisProblem:
 
     def target_name(self, effect: AbstractEffect) -> str | None:
         """The target of an effect as in result.json."""
-        target = effect.target
-        return self.case.sensors[target].name if isinstance(target, int) else target
+        return effect.target_name(self.model.sensors)
 
     def label(self, effect: AbstractEffect) -> str:
         """The effect and its target as text."""
@@ -235,16 +165,35 @@ def diagnosis_problem(case: Case) -> DiagnosisProblem:
         forcing=forcing_of_record(case, record),
         effects=effects,
         log_prior=on_device(np.log(case.wall.diffusivity_prior)),
-        sensor_count=sensors,
+        sensors=tuple(sensor.name for sensor in case.sensors),
         substeps=max(1, int(np.ceil(record.step / MAX_SUBSTEP))),
     )
-    bins = Bins(
+    bins = BinnedReadings(
         observed=on_device(np.where(present, record.sensors, 0.0)),
         present=on_device(present.astype(float)),
-        rows=max(1, int(np.ceil(record.rows * sensors / MOST_READINGS))),
+        rows_per_bin=max(1, int(np.ceil(record.rows * sensors / MAX_READINGS))),
     )
-    entries, index = [], 1 + PROFILE_MODES + 2 * sensors + len(SIDES)
-    for effect in effects:
-        entries.append(EffectParameters(effect, index))
-        index += len(effect.parameters)
-    return DiagnosisProblem(case, record, model, bins, tuple(entries), search_range)
+    entries = tuple(EffectParameters(effect, effect.parameter_names(model.sensors)) for effect in effects)
+    return DiagnosisProblem(
+        case, record, model, bins, entries, _parameters(case, window, search_range, entries), search_range
+    )
+
+
+def _parameters(
+    case: Case, window: Window, search_range: SearchRange, library: tuple[EffectParameters, ...]
+) -> Parameters:
+    """The parameters of the plain model and of all effects."""
+    span = max(1.0, search_range.warmest - search_range.coldest)
+    parameters = [Parameter(LOG_DIFFUSIVITY, scale=0.1)]
+    parameters += [Parameter(f"{PROFILE_MODE}[{k}]", "K", prior_std=span / k) for k in range(1, PROFILE_MODES + 1)]
+    for kind in (SensorPositions(), SensorOffsets(), FacePositions()):
+        parameters += kind.parameters(case, window)
+    plain = Parameters.of(parameters).estimated_names
+    for one in library:
+        first = next(iter(one.effect.scan(search_range)), {})
+        for name, parameter in zip(one.names, one.effect.parameters, strict=True):
+            low, high = one.effect.bounds(parameter, search_range)
+            value = first.get(parameter.name, float(getattr(one.effect, parameter.name)))
+            value = min(max(value, low), high)
+            parameters.append(Parameter(name, parameter.unit, value, lower=low, upper=high, scale=parameter.scale))
+    return Parameters.of(parameters).estimating(plain)

@@ -9,6 +9,7 @@ import scipy
 from numpy.polynomial.hermite_e import hermegauss
 
 from .._internal.units import DAY
+from ..inference.likelihood import LOG_DIFFUSIVITY
 from .effect_fit import EffectFit
 
 _SLOW = 10  # slow cosines over the record, per sensor
@@ -67,12 +68,14 @@ def run_residual_tests(fit: EffectFit) -> ResidualTests:
         basis = _orthogonal_basis(fit, directions, bases)
         projection = basis.T @ fit.residual
         statistic, freedom = float(projection @ projection), basis.shape[1]
-        tests.append((chi_square_p_value(statistic, freedom, fit.noise.spread), statistic, freedom))
+        tests.append((chi_square_p_value(statistic, freedom, fit.noise.log_power_std), statistic, freedom))
         bases.append(basis)
     smallest, statistic, freedom = min(tests)
     p_value = -np.expm1(len(tests) * np.log1p(-min(smallest, 1.0 - 1e-16)))
-    white = np.sum([basis @ (basis.T @ fit.residual) for basis in bases], axis=0)[: len(fit.noise.whiten)]
-    smooth = scipy.linalg.solve_triangular(fit.noise.whiten, white, lower=True).reshape(fit.problem.sensor_count, -1).T
+    white = np.sum([basis @ (basis.T @ fit.residual) for basis in bases], axis=0)[: len(fit.noise.whitening)]
+    smooth = (
+        scipy.linalg.solve_triangular(fit.noise.whitening, white, lower=True).reshape(fit.problem.sensor_count, -1).T
+    )
     return ResidualTests(by_sensor, by_hour, by_day, statistic, freedom, float(p_value), smooth)
 
 
@@ -97,10 +100,10 @@ def _mean(values: np.ndarray) -> np.ndarray:
 def omnibus_directions(fit: EffectFit) -> tuple[np.ndarray, np.ndarray]:
     """The directions of the two omnibus tests in the binned readings, K, `(direction, reading)` each."""
     problem, sensors = fit.problem, fit.problem.sensor_count
-    sensitivity = fit.unwhitened()[0][:, 0].reshape(sensors, -1)  # to ln(diffusivity)
+    sensitivity = fit.unwhitened()[0][:, fit.index(LOG_DIFFUSIVITY)].reshape(sensors, -1)
     bins = sensitivity.shape[1]
     middle = (np.arange(bins) + 0.5) / bins
-    days = middle * bins * problem.bins.rows * problem.record.step / DAY
+    days = middle * bins * problem.bins.rows_per_bin * problem.record.step / DAY
     slow = [np.cos(np.pi * k * middle) for k in range(_SLOW)]
     daily = [harmonic(2 * np.pi * k * days) for k in _DAILY for harmonic in (np.cos, np.sin)]
     per_sensor = [np.kron(np.eye(sensors)[s], signal) for signal in (*slow, *daily) for s in range(sensors)]
@@ -116,7 +119,7 @@ def omnibus_directions(fit: EffectFit) -> tuple[np.ndarray, np.ndarray]:
 
 def _orthogonal_basis(fit: EffectFit, directions: np.ndarray, others: list[np.ndarray]) -> np.ndarray:
     """Orthonormal basis of whitened directions, orthogonal to the Jacobian and other bases, `(residual, direction)`."""
-    rows = directions @ fit.noise.whiten.T
+    rows = directions @ fit.noise.whitening.T
     rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
     padded = np.pad(rows, ((0, 0), (0, fit.jacobian.shape[0] - rows.shape[1])))
     scale = np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300)

@@ -19,6 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..inference.likelihood import LOG_DIFFUSIVITY
 from .acceptance import bic_penalty
 from .effect_fit import EffectFit
 from .model_with_effects import first_order_columns
@@ -36,12 +37,12 @@ class Candidate:
     """An effect at one point of the grid over its positions, times or temperatures.
 
     Args:
-        effect_parameters: the effect and the indices of its parameters.
-        scan_values: the values of these parameters at the grid point, by index in the parameter vector.
+        effect_parameters: the effect and the names of its parameters.
+        scan_values: the values of these parameters at the grid point, by name.
     """
 
     effect_parameters: EffectParameters
-    scan_values: dict[int, float]
+    scan_values: dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +82,7 @@ class CandidateScores:
     @cached_property
     def shift(self) -> np.ndarray:
         """Expected shift of ln(alpha) by each candidate alone."""
-        return self.parameter_shifts[0] * self.size
+        return self.parameter_shifts[self.base.index(LOG_DIFFUSIVITY)] * self.size
 
     @cached_property
     def by_effect(self) -> dict[EffectParameters, np.ndarray]:
@@ -121,7 +122,7 @@ class CandidateScores:
     def _largest_gain_by_chance(self) -> np.ndarray:
         """The largest gain of each random draw, sorted."""
         draws = self._draw(DRAWS)
-        draws = draws * np.exp(0.5 * self.base.noise.spread * self.random.standard_normal((DRAWS, 1)))
+        draws = draws * np.exp(0.5 * self.base.noise.log_power_std * self.random.standard_normal((DRAWS, 1)))
         return np.sort(np.where(self.required_signs * draws < 0, 0.0, draws**2).max(axis=1, initial=0.0))
 
     def _draw(self, count: int) -> np.ndarray:
@@ -182,11 +183,12 @@ class CandidateScores:
         k = np.array(chosen)
         return float(self.score[k] @ np.linalg.lstsq(self.cosine[np.ix_(k, k)], self.score[k], rcond=None)[0])
 
-    def joint_prediction(self, chosen: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Expected sizes of some candidates together, and the shifts of the estimated parameters of the base."""
+    def joint_prediction(self, chosen: tuple[int, ...]) -> tuple[np.ndarray, dict[str, float]]:
+        """Expected sizes of some candidates together, and the shift of each estimated parameter of the base."""
         k = np.array(chosen)
         size = np.linalg.lstsq(self.cosine[np.ix_(k, k)], self.score[k], rcond=None)[0] / self.norm[k]
-        return size, self.parameter_shifts[:, k] @ size
+        shifts = self.parameter_shifts[:, k] @ size
+        return size, dict(zip(self.base.parameters.estimated_names, shifts.tolist(), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +213,7 @@ def score_candidates(base: EffectFit, jacobian: CandidateJacobian, random: np.ra
         random: generator of the draws for significance levels.
     """
     candidates, z = jacobian.candidates, jacobian.columns
-    white = z @ base.noise.whiten.T
+    white = z @ base.noise.whitening.T
     white = np.concatenate([white, np.zeros((len(white), base.jacobian.shape[0] - white.shape[1]))], axis=1)
     size = np.maximum(np.linalg.norm(base.jacobian, axis=0), 1e-300)
     Q, R = np.linalg.qr(base.jacobian / size)
@@ -262,24 +264,17 @@ def _scan_candidates(
     problem: DiagnosisProblem, effect_parameters: EffectParameters, known: dict[str, float]
 ) -> list[Candidate]:
     """An effect at every point of its grid, with the known parameters at their values."""
-    index = {parameter.name: i for i, parameter in effect_parameters.indexed_parameters}
+    names = effect_parameters.full_names
     grid = effect_parameters.effect.scan(problem.search_range)
-    points = [tuple((index[name], known.get(name, value)) for name, value in point.items()) for point in grid]
+    points = [tuple((names[key], known.get(key, value)) for key, value in point.items()) for point in grid]
     return [Candidate(effect_parameters, dict(point)) for point in dict.fromkeys(points)]
 
 
 def _jacobian_of(problem: DiagnosisProblem, base: EffectFit, candidates: list[Candidate]) -> CandidateJacobian:
-    thetas = np.stack([_at_candidate(base.theta, candidate) for candidate in candidates])
-    directions = np.eye(problem.parameter_count)[[candidate.effect_parameters.size_index for candidate in candidates]]
-    columns = first_order_columns(problem.model, problem.bins, base.theta, thetas, directions)
-    return CandidateJacobian(tuple(candidates), columns)
-
-
-def _at_candidate(theta: np.ndarray, candidate: Candidate) -> np.ndarray:
-    """The parameters with a candidate at its grid point."""
-    theta = theta.copy()
-    theta[list(candidate.scan_values)] = list(candidate.scan_values.values())
-    return theta
+    points = [(candidate.effect_parameters.names[0], candidate.scan_values) for candidate in candidates]
+    return CandidateJacobian(
+        tuple(candidates), first_order_columns(problem.model, problem.bins, base.parameters, points)
+    )
 
 
 def _required_sign(effect_parameters: EffectParameters) -> int:

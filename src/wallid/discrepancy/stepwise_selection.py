@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from ..inference.noise_covariance import Noise
+from ..inference.noise_covariance import NoiseCovariance
 from .acceptance import FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL, penalised_cost, reason_for_refusal
 from .cross_validation import effect_by_window, held_out, held_out_cost
 from .effect_fit import EffectFit, refit
@@ -49,21 +49,21 @@ class StepwiseSelection:
         self.trials: list[Trial] = []
         self.rivals: list[EffectFit] = []
         self._jacobians: dict[frozenset[EffectParameters], CandidateJacobian] = {}
-        self._reduced_fits: dict[tuple[frozenset[EffectParameters], Noise], EffectFit] = {}
+        self._reduced_fits: dict[tuple[frozenset[EffectParameters], NoiseCovariance], EffectFit] = {}
 
     def fit_plain_model(self) -> EffectFit:
         """Fit the plain model, with the noise estimated beside the entire library."""
         problem = self.problem
-        stated = DiagnosisNoiseShape(problem, problem.neutral).noise(1.0, 0.0, 0.8)
-        return self.refit_with_estimated_noise(refit(problem, (), problem.neutral, stated))
+        stated = DiagnosisNoiseShape(problem, problem.parameters).covariance_of(1.0, 0.0, 0.8)
+        return self.refit_with_estimated_noise(refit(problem, (), problem.parameters, stated))
 
     def refit_with_estimated_noise(self, fit: EffectFit) -> EffectFit:
         """Fit the same model again, with the noise estimated orthogonally to the library and the omnibus directions."""
         problem = self.problem
         jacobian, residual = fit.unwhitened()
         directions = np.concatenate([self.candidate_jacobian(fit).columns, jacobian.T, *omnibus_directions(fit)])
-        noise = estimate_noise(DiagnosisNoiseShape(problem, fit.theta), residual, directions)
-        return refit(problem, fit.active, fit.theta, noise)
+        noise = estimate_noise(DiagnosisNoiseShape(problem, fit.parameters), residual, directions)
+        return refit(problem, fit.active, fit.parameters, noise)
 
     def plain_model_with_noise_of(self, fit: EffectFit) -> EffectFit:
         """The plain model fitted with the noise of a fit with effects."""
@@ -87,31 +87,25 @@ class StepwiseSelection:
         active = tuple(other for other in fit.active if other is not effect_parameters)
         key = (frozenset(active), fit.noise)
         if key not in self._reduced_fits:
-            theta = fit.theta.copy()
-            theta[effect_parameters.size_index] = 0.0
-            self._reduced_fits[key] = refit(self.problem, active, theta, fit.noise)
+            parameters = fit.parameters.with_values({effect_parameters.names[0]: 0.0})
+            self._reduced_fits[key] = refit(self.problem, active, parameters, fit.noise)
         return self._reduced_fits[key]
 
     def add_candidates(self, scores: CandidateScores, chosen: tuple[int, ...]) -> EffectFit:
         """Fit the base of a score test with some of its candidates, starting from the linear prediction."""
         base, problem = scores.base, self.problem
-        theta = base.theta.copy()
+        parameters = base.parameters
         for k in chosen:
-            values = scores.candidates[k].scan_values
-            theta[list(values)] = list(values.values())
+            parameters = parameters.with_values(scores.candidates[k].scan_values)
         active = (*base.active, *(scores.effect(k) for k in chosen))
-        size, shift = scores.joint_prediction(chosen)
-        step = dict.fromkeys(problem.estimated_indices(active), 0.0)
-        shifts = dict(zip(base.estimated_indices, shift, strict=True))
-        step |= {i: value for i, value in shifts.items() if i in step}
-        for k, value in zip(chosen, size, strict=True):
-            step[scores.effect(k).size_index] = value
-        for error, effect_parameters in problem.errors_replaced_by_effects(active):
+        sizes, shifts = scores.joint_prediction(chosen)
+        step = shifts | {scores.effect(k).names[0]: size for k, size in zip(chosen, sizes.tolist(), strict=True)}
+        for error, effect_parameters in problem.replaced_errors(active).items():
             if effect_parameters not in base.active:
-                step[effect_parameters.size_index] += shifts.get(error, 0.0)
-        fit = refit(problem, active, theta, base.noise, step=np.array(list(step.values())))
+                step[effect_parameters.names[0]] += shifts.get(error, 0.0)
+        fit = refit(problem, active, parameters, base.noise, step=step)
         if not fit.cost < base.cost:  # the linear prediction was too far off: start from the base
-            fit = min(fit, refit(problem, active, theta, base.noise), key=lambda fit: fit.cost)
+            fit = min(fit, refit(problem, active, parameters, base.noise), key=lambda fit: fit.cost)
         self.trials.append(Trial(base, fit, scores.joint_gain(chosen)))
         return fit
 
@@ -268,7 +262,7 @@ class StepwiseSelection:
         if not forms:
             return []
         sizes = {parameter.name for parameter in effect_parameters.effect.parameters if parameter.is_size}
-        known = {name: value for name, value in effect_parameters.values(fit.theta).items() if name not in sizes}
+        known = {name: value for name, value in effect_parameters.values(fit.parameters).items() if name not in sizes}
         scores = score_candidates(base, candidate_jacobian_of_forms(self.problem, base, forms, known), self.random)
         chosen = [k for k in scores.best(_FORMS) if scores.gain[k] >= _comparable(base, fit)]
         fits = [self.add_candidates(scores, (k,)) for k in chosen]
@@ -292,7 +286,9 @@ class StepwiseSelection:
             indices = scores.by_effect.get(effect_parameters)
             gain = base.cost - fit.cost
             expected = float(scores.gain[indices].max()) if indices is not None else float("nan")
-            values = {p.name: (float(fit.theta[i]), fit.std(i)) for i, p in effect_parameters.indexed_parameters}
+            values = {
+                key: (float(fit.parameters[name]), fit.std(name)) for key, name in effect_parameters.full_names.items()
+            }
             close = [other for other in self.rivals if penalised_cost(other) - penalised_cost(fit) < RIVAL]
             rivals = [
                 other for other in close if set(base.active) < set(other.active) and not reason_for_refusal(other)

@@ -21,12 +21,12 @@ from ..inference.nuisance_parameters import NUISANCE_KINDS, NuisanceKind, WallPa
 from ..inference.parameters import kind_of, target_of
 from ..inference.parametric_bootstrap import bootstrap
 from ..inference.quantity import NORMAL_95, Quantity, lognormal
-from ..inference.validity import why_strained, why_too_coarse, why_too_faint, why_unreliable, why_unsteady
-from ..inference.weighted_least_squares import WeightedFit, covariance, model_difference, simple_sigma
+from ..inference.validity import why_contradicted, why_not_constant, why_too_coarse, why_unreliable, why_weak_signal
+from ..inference.weighted_least_squares import WeightedFit, covariance, model_difference, paper_sigma_of_readings
 from ..models.flux_plates import plate_outputs
 from ..models.integration import Integrator
 from ..models.state_space import StateSpace
-from ..models.wall_parameters import film_at, layer_ratios, std_of
+from ..models.wall_parameters import film_lengths_at, layer_ratios, prior_std_of
 from ..models.window_inputs import WindowData, full_order_model
 from .result_objects import Estimate
 
@@ -120,11 +120,14 @@ def gls_minima(
             eta=eta, explicit_theta=explicit_theta, integrator=integrator, kinds=kinds,
         )  # fmt: skip
         fits.append(one)
-        if one.interval.deeper is not None:
-            starts.append(prior * float(np.exp(one.interval.deeper)))
-    fits = sorted((one for one in fits if np.isfinite(one.evidence)), key=lambda one: one.evidence) or fits
+        if one.interval.lower_minimum is not None:
+            starts.append(prior * float(np.exp(one.interval.lower_minimum)))
+    fits = (
+        sorted((one for one in fits if np.isfinite(one.marginal_deviance)), key=lambda one: one.marginal_deviance)
+        or fits
+    )
     best = fits[0]
-    return best, [one for one in fits[1:] if one.evidence - best.evidence < best.quantile**2]
+    return best, [one for one in fits[1:] if one.marginal_deviance - best.marginal_deviance < best.quantile**2]
 
 
 def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[GLSFit], draws: int) -> Estimate:
@@ -150,7 +153,7 @@ def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[
         pick(getattr(one.interval, end) for one in (best_fit, *other_minima))
         for pick, end in ((min, "low"), (max, "high"))
     )
-    kind = interval.kind if (low, high) == (interval.low, interval.high) else "profile likelihood"
+    kind = interval.method if (low, high) == (interval.low, interval.high) else "profile likelihood"
     ends = [
         float(np.exp(np.clip(np.sign(end) * np.hypot(end, best_fit.quantile * shift), -700.0, 700.0))) * value
         for end in (low - best_fit.log_alpha, high - best_fit.log_alpha)
@@ -163,8 +166,8 @@ def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[
     singular = np.linalg.svd(best_fit.jacobian, compute_uv=False) if best_fit.finite else np.array([np.nan])
     bounds = float(best_fit.problem.lowest), float(best_fit.problem.highest)
     reason = why_unreliable(case, value, (ends[0], ends[1]), singular, bool(best.converged), bounds)
-    reason = reason or why_too_coarse(shift, std_log) or why_too_faint(case, best_fit)
-    reason = reason or why_strained(case, best_fit) or why_unsteady(best_fit)
+    reason = reason or why_too_coarse(shift, std_log) or why_weak_signal(case, best_fit)
+    reason = reason or why_contradicted(case, best_fit) or why_not_constant(best_fit)
     covariance = best_fit.covariance.copy()
     covariance[0, 0] += shift**2
     return initial.to_estimate(
@@ -181,7 +184,7 @@ def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[
         history=initial.history((best.trace,)),
         reduced_chi_square=best_fit.reduced_chi_square,
         noise_description=_noise_description(best_fit),
-        variance_shares=best_fit.shares() if not reason else {},
+        variance_shares=best_fit.variance_shares() if not reason else {},
         predicted=np.asarray(best.predicted),
         residual=np.where(initial.present, np.asarray(initial.data.observed) - np.asarray(best.predicted), np.nan),
         covariance=covariance,
@@ -209,10 +212,10 @@ def _wall_parameters(case: Case, fit: GLSFit) -> dict[str, Quantity]:
             quantities[f"layer {i + 1}"] = lognormal(
                 fit.diffusivity * float(ratio), float(combination @ covariance @ combination), fit.quantile, "m2/s"
             )
-    for side, length in zip(SIDES, film_at(case, names, z), strict=True):
+    for side, length in zip(SIDES, film_lengths_at(case, names, z), strict=True):
         if (name := f"film_{side}") in names:
             index = 1 + names.index(name)
-            variance = std_of(name) ** 2 * float(covariance[index, index])
+            variance = prior_std_of(name) ** 2 * float(covariance[index, index])
             quantities[name] = lognormal(length, variance, fit.quantile, "m")
     return quantities
 
@@ -221,7 +224,7 @@ def _noise_description(fit: GLSFit) -> str:
     """The noise that the interval is based on, as text."""
     if fit.robust is not None:
         return f"weighted as stated, the interval by {fit.robust}"
-    return str(fit.noise) if fit.estimated else "noise as stated"
+    return str(fit.noise) if fit.noise_estimated else "noise as stated"
 
 
 def initial_estimate(initial: InitialFit) -> Estimate:
@@ -236,7 +239,7 @@ def initial_estimate(initial: InitialFit) -> Estimate:
     residual = np.asarray(data.observed) - np.asarray(fit.predicted)
     count = int(fit.trace.count)
     value = float(fit.trace.parameters[count - 1, 0])
-    noise = simple_sigma(case, data, value)
+    noise = paper_sigma_of_readings(case, data, value)
     row_std = np.concatenate([(weight * noise).reshape(-1), np.ones(len(data.offsets))])
     singular, spread = covariance(np.asarray(fit.jacobian), row_std)
     beta = np.asarray(fit.parameters[1:])

@@ -25,9 +25,8 @@ from ..inference.gls_fit import GLSFit
 from ..inference.likelihood import HIGHEST, LOWEST
 from ..inference.nuisance_parameters import NUISANCE_KINDS, NuisanceKind
 from ..inference.weighted_least_squares import fit_weighted_least_squares
-from ..models.flux_plates import fluxes_of, with_flux
+from ..models.flux_plates import fluxes_of, full_order_model_with_plates, with_flux
 from ..models.integration import Integrator
-from ..models.plate_model import full_order_model_with_plates
 from ..models.sensitivity_equations import explicit
 from ..models.state_space import StateSpace
 from ..models.window_inputs import check_driven, full_order_model, window_data

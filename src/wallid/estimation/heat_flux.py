@@ -141,7 +141,7 @@ def pooled_thermal_properties(case: Case, fits: Sequence[GLSFit]) -> tuple[Therm
         values, combinations = (np.array(part) for part in zip(*(one[name] for one in logs), strict=True))
         stds = np.sqrt([one.variance(row) for one, row in zip(fits, combinations, strict=True)])
         shared = np.stack(
-            [list(one.of_instrument_errors(row).values()) for one, row in zip(fits, combinations, strict=True)]
+            [list(one.instrument_error_effects(row).values()) for one, row in zip(fits, combinations, strict=True)]
         )
         means[name] = pooled_mean(values, covariance_with_shared_errors(stds, shared), quantile)
 
@@ -214,15 +214,16 @@ def _second_half_prediction(case: Case, window: Window, fit: GLSFit) -> HeldOutF
     model, data = fit.problem.system, window_data(case, window)
     early = fit_generalised_least_squares(case, window, data, model, fit.diffusivity, eta=1e-6, rows_used=half)
     predicted, J = (
-        np.asarray(part)
-        for part in _prediction_and_jacobian(fit.problem, early.problem.nuisance, early.minimum.parameters)
+        np.asarray(part) for part in _prediction_and_jacobian(fit.problem, early.problem.nuisance, early.minimum.vector)
     )
     data, present = fit.problem.data, present[half:]
     residual = (np.asarray(data.observed) - predicted)[half:, -plates:]
     noise = early.robust or early.noise
-    own = np.asarray(fit.shape.sensor_std)[-plates:] ** 2 * (noise.white + noise.autocorrelated)
-    faces = (fit.shape.face_std**2 * (noise.white + noise.autocorrelated)) * np.sum(fit.shape.response**2, axis=(0, 1))
-    late = J[half:, -plates:][..., early.used]
+    own = np.asarray(fit.noise_shape.sensor_std)[-plates:] ** 2 * (noise.white + noise.autocorrelated)
+    faces = (fit.noise_shape.face_std**2 * (noise.white + noise.autocorrelated)) * np.sum(
+        fit.noise_shape.response**2, axis=(0, 1)
+    )
+    late = J[half:, -plates:][..., early.estimated_indices]
     variance = own + faces[-plates:] + np.einsum("tsp,pq,tsq->ts", late, early.covariance, late)
     inside = np.abs(residual) <= NORMAL_95 * np.sqrt(variance)
     return HeldOutFlux(

@@ -14,10 +14,10 @@ import optimistix as optx
 from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Int
 
-from ..inference.weighted_least_squares import WeightedProblem, searched, stacked
+from ..inference.weighted_least_squares import WeightedProblem, solve_weighted_problem, stack_jacobian
 from ..models.batching import Sweep, sweep
 from ..models.integration import ArrayLike
-from ..models.recurrence.single_kernel import is_small
+from ..models.recurrence.single_kernel import fits_single_kernel
 from ..models.state_space import StateSpace, require_x64
 from ..models.window_inputs import WindowData
 
@@ -84,7 +84,7 @@ def estimate_walls(
     arrays, static = eqx.partition(items, eqx.is_array)
     if chunk is None:
         one = jax.tree.map(lambda leaf: leaf[0], systems)
-        chunk = 1 if is_small(one) else _WALLS_PER_CHUNK
+        chunk = 1 if fits_single_kernel(one) else _WALLS_PER_CHUNK
     return WallEstimates(
         **sweep(_estimate_wall, arrays, static, jnp.asarray(eta, float), way=way, chunk=chunk, mesh=mesh)
     )
@@ -94,8 +94,8 @@ def _estimate_wall(arrays: tuple, static: tuple, eta: Float[Array, ""]) -> dict[
     """The fields of `WallEstimates` for one wall."""
     system, data, fourier_per_alpha, start = eqx.combine(arrays, static)
     problem = WeightedProblem(system, data, fourier_per_alpha, start, True, "propagator")
-    solution = searched(problem, eta, _MAX_ITERATIONS)
-    jacobian = stacked(*solution.stats["jacobian"])
+    solution = solve_weighted_problem(problem, eta, _MAX_ITERATIONS)
+    jacobian = stack_jacobian(*solution.stats["jacobian"])
     # the offsets are projected out of the diffusivity's column
     column, offsets = jacobian[:, 0], jacobian[:, 1:].T
     if data.offsets:

@@ -21,8 +21,7 @@ from ..case.case_definition import Case
 from ..case.time_window import Window, window_rows
 from ..inference.gls_fit import GLSFit
 from ..inference.quantity import Quantity
-from ..models.flux_plates import fluxes_of
-from ..models.plate_model import full_order_model_with_plates
+from ..models.flux_plates import fluxes_of, full_order_model_with_plates
 from ..models.state_space import StateSpace
 from .diffusivity import estimate_by_gls
 from .heat_flux import ThermalProperties, pooled_thermal_properties
@@ -229,7 +228,7 @@ def _log_alpha_covariance(informative: Sequence[tuple[Estimate, GLSFit]]) -> np.
         # an interval by the profile likelihood is wider than the one from the curvature
         half = 0.5 * math.log(fit.interval_95[1] / fit.interval_95[0]) / gls.quantile
         stds.append(max(half, gls.log_std))
-        shared.append(list(gls.of_instrument_errors(np.eye(len(gls.names))[0]).values()))
+        shared.append(list(gls.instrument_error_effects(np.eye(len(gls.names))[0]).values()))
     return covariance_with_shared_errors(np.array(stds), np.stack(shared))
 
 

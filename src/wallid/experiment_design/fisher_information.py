@@ -29,7 +29,7 @@ from .._internal.errors import InputError
 from .._internal.validation import one_of
 from ..case.case_definition import Case
 from ..case.wall_and_sensors import Sensor
-from .information_contributions import Contribution, Whitening, whitened
+from .information_contributions import Contribution, Whitening, parameter_columns, whitened
 
 Criterion = Literal["D", "A", "E"]
 ParametersOfInterest = Literal["diffusivity", "constants", "all"]
@@ -138,10 +138,9 @@ def criterion_of(matrix: Float[np.ndarray, "param param"], criterion: Criterion,
 
 def indices_of_interest(of: ParametersOfInterest, contributions: Sequence[Contribution]) -> list[int]:
     """The indices in M of the parameters that the criterion is computed for."""
-    shared, own = contributions[0].shared.shape[1], sum(one.own.shape[1] for one in contributions)
-    if of == "all":
-        return list(range(shared + own))
-    return [0, *range(shared, shared + own)] if of == "constants" else [0]
+    columns = parameter_columns(contributions)
+    own = [column for (owner, _), column in columns.items() if owner is not None]
+    return {"all": list(columns.values()), "constants": [0, *own], "diffusivity": [0]}[of]
 
 
 def typical_sensor(sensors: Sequence[Sensor], **stds: float | None) -> Sensor:

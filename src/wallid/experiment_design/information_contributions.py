@@ -6,7 +6,7 @@ Derivatives and face response come from `predicted_response`. Rows are averaged 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,12 +16,24 @@ from jaxtyping import Float
 from ..case.case_definition import Case
 from ..case.initial_profile import fit_profile, window_temperature_range
 from ..case.time_window import Window
-from ..case.wall_and_sensors import Sensor
-from ..inference.noise_covariance import MOST_READINGS
-from ..inference.nuisance_parameters import CONDUCTIVITY_STD, wiener_filtered_noise
+from ..case.wall_and_sensors import SIDES, Sensor
+from ..inference.likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, PLATE_GAIN, PROFILE_MODE
+from ..inference.noise_covariance import MAX_READINGS
+from ..inference.nuisance_parameters import (
+    CONDUCTIVITY_STD,
+    CommonNoise,
+    FacePositions,
+    SensorOffsets,
+    SensorPositions,
+    wiener_filtered_noise,
+)
+from ..inference.parameters import kind_of
 from ..inference.position_errors import face_position_flux_jacobian, face_position_jacobian
-from ..models.flux_plates import conductance_of, flux_gain_std, flux_noise_std, fluxes_of
+from ..models.flux_plates import flux_gain_std, flux_noise_std, fluxes_of, wall_conductance
 from .predicted_response import PredictedResponse, response_to_sampled_faces
+
+OWN_KINDS = (SensorOffsets.kind, SensorPositions.kind, PLATE_GAIN)
+"""The kinds of parameters that belong to one sensor or plate alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,15 +71,13 @@ class Contribution:
     """The binned readings of one sensor or plate in one window: derivatives and noise.
 
     Args:
-        shared: derivatives with respect to ln(alpha), face sensor positions, common face noise, initial modes and,
-            with plates, ln(conductivity); nuisance parameters per prior standard deviation, K, `(bin, shared)`.
-        own: derivatives with respect to its offset and position error, or to its calibration error, K, `(bin, own)`.
+        derivatives: by the name of the parameter (as in `inference.nuisance_parameters`), per prior standard deviation
+            (of ln(alpha): per 1), K, each `(bin,)`.
         face_noise: effect of the faces' noise, K. variance: of its own noise, K2, `(bin,)`.
         present: the number of readings in each bin, as bytes: the key under which a whitening is cached.
     """
 
-    shared: Float[np.ndarray, "bin shared"]
-    own: Float[np.ndarray, "bin own"]
+    derivatives: dict[str, np.ndarray]
     face_noise: np.ndarray
     variance: np.ndarray
     present: bytes
@@ -104,7 +114,7 @@ class WindowContributions:
         self.bin_response = np.diff(step_response, axis=1, prepend=0.0)
         self.face_noise_cache: dict[int, np.ndarray] = {}
         self.has_plates = bool(fluxes_of(self.case))
-        self.conductance = conductance_of(self.case) if self.has_plates else 1.0
+        self.conductance = wall_conductance(self.case) if self.has_plates else 1.0
 
     def face_noise(self, index: int) -> np.ndarray:
         """Effect of one standard deviation of the faces' white noise on an output, K, `(bin, face and bin)`."""
@@ -124,16 +134,17 @@ class WindowContributions:
         rows = slice(None, None, self.stride)
         sensitivity = self.predicted.sensitivity[window, rows, index]
         gradient = self.predicted.gradient[window, rows, index]
-        face_positions = self.face_position_derivatives(sensitivity, gradient, index)
-        shared = [sensitivity, *face_positions, *self.common_face_noise(window), *self.initial_modes(window, index)]
-        if self.has_plates:
-            shared.append(np.zeros(len(sensitivity)))  # temperatures do not depend on the conductivity
-        own = []
+        derivatives = {LOG_DIFFUSIVITY: sensitivity}
+        if (std := self.case.record.face_position_std) > 0:
+            position, length = self.predicted.positions[index], self.case.wall.length
+            moved = std * face_position_jacobian(sensitivity, gradient, position, length)
+            derivatives |= _named(FacePositions.kind, SIDES, moved)
+        derivatives |= self.common_face_noise(window) | self.initial_modes(window, index)
         if sensor.offset_std > 0:
-            own.append(np.full(len(sensitivity), sensor.offset_std))
+            derivatives[f"{SensorOffsets.kind}[{sensor.name}]"] = np.full(len(sensitivity), sensor.offset_std)
         if sensor.position_std > 0:
-            own.append(sensor.position_std * gradient)
-        return self._binned_contribution(index, shared, own, sensor.noise_std, present)
+            derivatives[f"{SensorPositions.kind}[{sensor.name}]"] = sensor.position_std * gradient
+        return self._binned_contribution(index, derivatives, sensor.noise_std, present)
 
     def contributions_of_case(
         self, window: int, present: np.ndarray, flux_present: np.ndarray
@@ -154,39 +165,28 @@ class WindowContributions:
         case, rows = self.case, slice(None, None, self.stride)
         sensitivity = self.predicted.sensitivity[window, rows, index]
         flux = self.predicted.temperature[window, rows, index]
-        std, gain_std = case.record.face_position_std, flux_gain_std(case)
-        face_positions = std * face_position_flux_jacobian(sensitivity, flux, case.wall.length) if std > 0 else []
-        common = [np.zeros(len(sensitivity)) for _ in self.common_face_noise(window)]
-        shared = [sensitivity, *face_positions, *common, *self.initial_modes(window, index), CONDUCTIVITY_STD * flux]
-        own = [gain_std * flux] if gain_std > 0 else []
-        return self._binned_contribution(index, shared, own, flux_noise_std(case) / self.conductance, present)
+        derivatives = {LOG_DIFFUSIVITY: sensitivity}
+        if (std := case.record.face_position_std) > 0:
+            moved = std * face_position_flux_jacobian(sensitivity, flux, case.wall.length)
+            derivatives |= _named(FacePositions.kind, SIDES, moved)
+        derivatives |= self.initial_modes(window, index) | {LOG_CONDUCTIVITY: CONDUCTIVITY_STD * flux}
+        if (gain_std := flux_gain_std(case)) > 0:
+            derivatives[f"{PLATE_GAIN}[{fluxes_of(case)[index - len(self.predicted.positions)]}]"] = gain_std * flux
+        return self._binned_contribution(index, derivatives, flux_noise_std(case) / self.conductance, present)
 
     def _binned_contribution(
-        self,
-        index: int,
-        shared: Sequence[np.ndarray],
-        own: Sequence[np.ndarray],
-        noise_std: float,
-        present: np.ndarray | None,
+        self, index: int, derivatives: dict[str, np.ndarray], noise_std: float, present: np.ndarray | None
     ) -> Contribution:
         """A contribution from derivatives at each row, averaged in bins."""
-        present = np.ones(len(shared[0]), bool) if present is None else present
-        values, count = self.binned(np.column_stack([*shared, *own]), present)
+        present = np.ones(len(derivatives[LOG_DIFFUSIVITY]), bool) if present is None else present
+        values, count = self.binned(np.column_stack(list(derivatives.values())), present)
         filled = count > 0
         return Contribution(
-            shared=values[filled, : len(shared)],
-            own=values[filled, len(shared) :],
+            derivatives=dict(zip(derivatives, values[filled].T, strict=True)),
             face_noise=self.face_noise(index)[filled],
             variance=noise_std**2 / count[filled],
             present=count.tobytes(),
         )
-
-    def face_position_derivatives(self, sensitivity: np.ndarray, gradient: np.ndarray, index: int) -> np.ndarray:
-        """Effect of one standard deviation of each face sensor's position on an output, K, `(face, time)`."""
-        std, position = self.case.record.face_position_std, self.predicted.positions[index]
-        if std == 0.0:
-            return np.zeros((0, len(sensitivity)))
-        return std * face_position_jacobian(sensitivity, gradient, position, self.case.wall.length)
 
     def binned(
         self, values: Float[np.ndarray, "time column"], present: np.ndarray
@@ -199,21 +199,23 @@ class WindowContributions:
         missing = ((0, self.bins * self.bin_rows - len(values)), (0, 0))
         return np.pad(values, missing).reshape(self.bins, self.bin_rows, -1).sum(axis=1)
 
-    def common_face_noise(self, window: int) -> list[np.ndarray]:
+    def common_face_noise(self, window: int) -> dict[str, np.ndarray]:
         """One standard deviation of the faces' noise that all sensors of one logger may have in common, K."""
         std = self.case.record.boundary_noise_std
         if std == 0.0 or not self.case.sensors:
-            return []
-        return [wiener_filtered_noise(face, std) for face in self.predicted.faces[window, :: self.stride].T]
+            return {}
+        faces = self.predicted.faces[window, :: self.stride].T
+        return _named(CommonNoise.kind, SIDES, [wiener_filtered_noise(face, std) for face in faces])
 
-    def initial_modes(self, window: int, index: int) -> np.ndarray:
-        """One prior standard deviation of each initial-profile mode, K, `(mode, time)`; none for a known profile."""
+    def initial_modes(self, window: int, index: int) -> dict[str, np.ndarray]:
+        """One prior standard deviation of each initial-profile mode, K, `(time,)`; none for a known profile."""
         row = int(self.starts[window])
         if fit_profile(self.case, row).eps_2 is None:
-            return np.zeros((0, 0))
+            return {}
         span = window_temperature_range(self.case, Window(row, self.rows))
         modes = self.predicted.initial_modes[:, :: self.stride, index]
-        return span / np.arange(1, len(modes) + 1)[:, None] * modes
+        numbers = range(1, len(modes) + 1)
+        return _named(PROFILE_MODE, numbers, [span / k * mode for k, mode in zip(numbers, modes, strict=True)])
 
     def whitening(self, contributions: Sequence[tuple[int, Contribution]]) -> Whitening:
         """The whitening of several sensors; computed once for the same sensors with the same missing readings."""
@@ -226,19 +228,35 @@ class WindowContributions:
         return self.whitening_cache[key]
 
 
+def _named(kind: str, targets: Iterable[object], values: Iterable[np.ndarray]) -> dict[str, np.ndarray]:
+    return {f"{kind}[{target}]": value for target, value in zip(targets, values, strict=True)}
+
+
+def parameter_columns(contributions: Sequence[Contribution]) -> dict[tuple[int | None, str], int]:
+    """The column of each parameter: ln(alpha) first, those common to all sensors, then those of each sensor.
+
+    A parameter of one sensor or plate has the number of its contribution as a key beside its name, since a candidate
+    sensor may be there twice.
+    """
+    common = [(None, name) for one in contributions for name in one.derivatives if kind_of(name) not in OWN_KINDS]
+    own = [(k, name) for k, one in enumerate(contributions) for name in one.derivatives if kind_of(name) in OWN_KINDS]
+    # ln(conductivity) after the others: temperatures do not depend on it
+    ordered = sorted(dict.fromkeys(common), key=lambda key: key[1] == LOG_CONDUCTIVITY)
+    return {key: column for column, key in enumerate([*ordered, *own])}
+
+
 def whitened(contributions: Sequence[Contribution], whitening: Whitening) -> Float[np.ndarray, "reading param"]:
-    """`L^-1 J` for ln(alpha), the nuisance parameters common to all sensors, then those of each sensor."""
-    own = sum(one.own.shape[1] for one in contributions)
-    shared = contributions[0].shared.shape[1]
-    J = np.zeros((sum(len(one.shared) for one in contributions), shared + own))
-    row, column = 0, shared
-    for one in contributions:
-        J[row : row + len(one.shared), :shared] = one.shared
-        J[row : row + len(one.own), column : column + one.own.shape[1]] = one.own
-        row, column = row + len(one.shared), column + one.own.shape[1]
+    """`L^-1 J`, with a column for each parameter (`parameter_columns`)."""
+    columns = parameter_columns(contributions)
+    J = np.zeros((sum(len(one.variance) for one in contributions), len(columns)))
+    row = 0
+    for k, one in enumerate(contributions):
+        for name, values in one.derivatives.items():
+            J[row : row + len(values), columns[k if kind_of(name) in OWN_KINDS else None, name]] = values
+        row += len(one.variance)
     return whitening.whiten(J)
 
 
 def rows_per_bin(readings: int) -> int:
     """The number of rows averaged in a bin so that the dense covariance stays small enough."""
-    return max(1, math.ceil(readings / MOST_READINGS))
+    return max(1, math.ceil(readings / MAX_READINGS))

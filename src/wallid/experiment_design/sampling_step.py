@@ -12,7 +12,7 @@ from .._internal.errors import InputError
 from ..case.case_definition import Case
 from ..case.time_window import HasBestWindow, Window, as_window, check_unbroken, entire_record
 from ..inference.quantity import NORMAL_95
-from ..models.flux_plates import untold_rows
+from ..models.flux_plates import uninformative_rows
 from ..records.table_columns import MIN_ROWS
 from .fisher_information import information_matrix, relative_std
 from .information_contributions import WindowContributions, rows_per_bin, whitened
@@ -128,7 +128,7 @@ def _std_and_bias(contributions: WindowContributions, window: int, step: float) 
     residual = (temperature[0] - temperature[window])[:: contributions.stride]
     present = np.ones(residual.shape, bool)
     sensors = len(case.sensors)
-    present[: untold_rows(case, len(residual), step), sensors:] = False
+    present[: uninformative_rows(case, len(residual), step), sensors:] = False
     indexed = contributions.contributions_of_case(window, present[:, :sensors], present[:, sensors:])
     each, whitening = [one for _, one in indexed], contributions.whitening(indexed)
     matrix = information_matrix(each, whitening)

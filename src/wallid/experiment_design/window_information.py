@@ -23,13 +23,13 @@ from ..inference.nuisance_parameters import CONDUCTIVITY_STD
 from ..models.batching import Sweep
 from ..models.batching import sweep as over_items
 from ..models.flux_plates import (
-    conductance_of,
+    append_flux_readings,
     flux_gain_std,
     flux_noise_std,
     flux_readings,
     fluxes_of,
-    plates_beside,
-    untold_rows,
+    uninformative_rows,
+    wall_conductance,
 )
 from ..models.integration import Integrator
 from ..models.sensitivity_equations import explicit, profile_response
@@ -131,7 +131,7 @@ class PlateSettings(eqx.Module):
     def of_case(cls, case: Case, rows: tuple[int, ...]) -> PlateSettings:
         """The plates of a case, for windows of these lengths."""
         gains = np.full(len(fluxes_of(case)), flux_gain_std(case))
-        return cls(gains, tuple(untold_rows(case, length, case.record.step) for length in rows))
+        return cls(gains, tuple(uninformative_rows(case, length, case.record.step) for length in rows))
 
     def informative_weights(self, weight: Array, uninformative_rows: int) -> Array:
         """The readings' weights, `(time, output)`, with 0 for the first rows of the plates."""
@@ -143,9 +143,9 @@ def record_with_plates(case: Case) -> WindowData:
     data, faces = window_data(case), fluxes_of(case)
     if not faces:
         return data
-    conductance = conductance_of(case)
+    conductance = wall_conductance(case)
     flux = np.stack([case.record.regressors[f"flux_{face}"] for face in faces], axis=1)
-    return plates_beside(data, flux / conductance, flux_noise_std(case) / conductance)
+    return append_flux_readings(data, flux / conductance, flux_noise_std(case) / conductance)
 
 
 def _sensitivities(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,23 +14,22 @@ from .._internal.arrays import on_device
 from ..case.case_definition import Case
 from ..case.initial_profile import scales
 from ..case.time_window import Window
-from ..models.flux_plates import first_conductivity, flux_noise_std, with_flux
+from ..models.flux_plates import flux_noise_std, full_order_model_with_plates, initial_conductivity, with_flux
 from ..models.integration import Integrator
-from ..models.plate_model import full_order_model_with_plates
 from ..models.state_space import StateSpace
 from ..models.wall_parameters import clipped_to_prior
 from ..models.window_inputs import WindowData
 from .gap_covariance import gap_errors
 from .gls_fit import GLSFit
 from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, LikelihoodProblem, face_response, minimise
-from .noise_covariance import Bins, Noise, NoiseShape, bins_of, thinned
+from .noise_covariance import NoiseCovariance, NoiseShape, bin_readings, restricted_to_reading_rows
 from .nuisance_parameters import (
     NUISANCE_KINDS,
     Linearisation,
     NuisanceKind,
     WallParameters,
-    estimate_parameters,
     linearise_nuisance,
+    window_parameters,
 )
 from .parameters import Parameters
 from .validity import distinguishable_range
@@ -58,6 +57,7 @@ def fit_generalised_least_squares(
     """The estimate under the full covariance, by iterated generalised least squares.
 
     Args:
+        data: of the window.
         system: the model; its outputs are the sensors, then the plates.
         first: the diffusivity to start from, m2/s.
         eta: stopping criterion of Gauss-Newton on the relative change of the diffusivity.
@@ -70,7 +70,7 @@ def fit_generalised_least_squares(
         the fit of the last iteration.
     """
     data = _first_rows(with_flux(case, window, data), rows_used)
-    gls = _IteratedGLS.of(case, window, data, kinds, eta, explicit_theta, integrator)
+    gls = _IteratedGLS(case, window, data, kinds, eta, explicit_theta, integrator)
     wall_names = gls.parameters.of_kind(WallParameters.kind)
     full_order = full_order_model_with_plates(case)
     start = float(np.clip(first, *gls.bounds)) / case.wall.diffusivity_prior
@@ -85,17 +85,18 @@ def fit_generalised_least_squares(
         if not math.isfinite(change) or (fit.iterations > 1 and converged):
             break
         parameters = fit.parameters
-        if wall_names:  # linear about the last values: a step of one prior standard deviation at most
-            at, std = parameters.indices(wall_names), np.asarray(parameters.prior_std)
-            z = np.clip(np.asarray(parameters.values)[at] / std[at], point.wall - 1.0, point.wall + 1.0)
-            parameters = parameters.with_values(dict(zip(wall_names, std[at] * clipped_to_prior(z), strict=True)))
+        if wall_names:  # the model is linear about the last values: a step is one prior standard deviation at most
+            indices = parameters.indices(wall_names)
+            std = np.asarray(parameters.prior_std)[indices]
+            z = np.clip(np.asarray(parameters.values)[indices] / std, point.wall - 1.0, point.wall + 1.0)
+            parameters = parameters.with_values(dict(zip(wall_names, std * clipped_to_prior(z), strict=True)))
     assert fit is not None
-    if wall_names:  # the first iteration used the wall of the priors
-        whitened = fit.shape.stated().whiten @ np.asarray(fit.minimum.left)
-        z = np.asarray(fit.minimum.parameters)[1:]
+    if wall_names:  # the reduced chi-square of the first iteration was that of the prior wall
+        whitened = fit.noise_shape.stated_covariance().whitening @ np.asarray(fit.minimum.residual)
+        z = np.asarray(fit.minimum.vector)[1:]
         fit = replace(fit, reduced_chi_square=float(whitened @ whitened + z @ z) / gls.degrees_of_freedom)
     if gls.noise_option == "robust" and gls.noise_can_be_estimated and math.isfinite(fit.diffusivity):
-        return replace(fit, robust=_noise_of_residual(fit.shape, fit))
+        return replace(fit, robust=_noise_of_residual(fit.noise_shape, fit))
     return fit
 
 
@@ -107,37 +108,20 @@ def _first_rows(data: WindowData, rows: int | None) -> WindowData:
     return eqx.tree_at(lambda d: (d.weight, d.observed), data, (data.weight * used, data.observed * used))
 
 
-@dataclass(frozen=True, eq=False)
 class _IteratedGLS:
-    """All that stays the same from iteration to iteration.
+    """Iterated GLS on one window: the data and settings that all iterations share.
 
-    Args:
+    Attributes:
         parameters: the diffusivity and the nuisance parameters, at their priors.
-        bins, spacing: of the readings, as `bins_of` gives them.
-        readings: the number of bins with a reading.
+        bins, spacing: of the readings (`bin_readings`).
+        readings: the number of means over bins that contain a reading.
         conductivity: W/m/K, the reference value; 0 without a flux.
         bounds: of the diffusivity, m2/s.
         fill_std: of the faces' interpolation in the window's rows, K; None where every row was read.
     """
 
-    case: Case
-    window: Window
-    data: WindowData
-    kinds: Sequence[NuisanceKind]
-    parameters: Parameters
-    bins: Bins
-    spacing: int
-    readings: int
-    conductivity: float
-    bounds: tuple[float, float]
-    fill_std: np.ndarray | None
-    eta: float
-    explicit_theta: bool
-    integrator: Integrator
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         case: Case,
         window: Window,
         data: WindowData,
@@ -145,29 +129,20 @@ class _IteratedGLS:
         eta: float,
         explicit_theta: bool,
         integrator: Integrator,
-    ) -> _IteratedGLS:
-        """From a window's readings, plates included."""
-        parameters = estimate_parameters(case, window, kinds)
-        bins, spacing = bins_of(np.asarray(data.weight) > 0, np.asarray(data.observed))
-        return cls(
-            case=case,
-            window=window,
-            data=replace(data, offsets=()),  # which offsets are estimated is no part of a compiled shape
-            kinds=kinds,
-            parameters=parameters,
-            bins=bins,
-            spacing=spacing,
-            readings=int((np.asarray(bins.counts()) > 0).sum()),
-            conductivity=first_conductivity(case, window) if LOG_CONDUCTIVITY in parameters else 0.0,
-            bounds=distinguishable_range(case, window),
-            fill_std=case.record.window(window.row, window.rows).fill_std,
-            eta=eta,
-            explicit_theta=explicit_theta,
-            integrator=integrator,
-        )
+    ):
+        self.case, self.window, self.kinds = case, window, kinds
+        self.eta, self.explicit_theta = eta, explicit_theta
+        self.integrator: Integrator = integrator
+        self.data = replace(data, offsets=())  # `offsets` is static and unused here: without it, fewer compilations
+        self.parameters = window_parameters(case, window, kinds)
+        self.bins, self.spacing = bin_readings(np.asarray(data.weight) > 0, np.asarray(data.observed))
+        self.readings = int((np.asarray(self.bins.counts()) > 0).sum())
+        self.conductivity = initial_conductivity(case, window) if LOG_CONDUCTIVITY in self.parameters else 0.0
+        self.bounds = distinguishable_range(case, window)
+        self.fill_std = case.record.window(window.row, window.rows).fill_std
 
     def diffusivity(self, parameters: Parameters) -> float:
-        """m2/s."""
+        """The diffusivity, m2/s."""
         return self.case.wall.diffusivity_prior * math.exp(float(parameters[LOG_DIFFUSIVITY]))
 
     @property
@@ -182,7 +157,7 @@ class _IteratedGLS:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Of the cost."""
+        """Degrees of freedom of the cost."""
         return max(self.readings - 1, 1)
 
     def iterate(self, system: StateSpace, full_order: StateSpace, point: Linearisation, last: GLSFit | None) -> GLSFit:
@@ -196,7 +171,7 @@ class _IteratedGLS:
             system, scales(case).fourier_number(point.diffusivity), conductivity / case.wall.length
         )
         estimated = self.noise_option == "estimated" and self.noise_can_be_estimated
-        noise = _noise_of_residual(shape, last) if last is not None and estimated else shape.stated()
+        noise = _noise_of_residual(shape, last) if last is not None and estimated else shape.stated_covariance()
         problem = LikelihoodProblem(
             system=system,
             data=self.data,
@@ -204,7 +179,7 @@ class _IteratedGLS:
             nuisance=nuisance,
             bins=self.bins,
             observed=self.bins.mean(self.bins.observed),
-            whiten=on_device(noise.whiten),
+            whitening=on_device(noise.whitening),
             fourier_per_alpha=on_device(scales(case).fourier_number(1.0)),
             start=on_device(start),
             lowest=on_device(self.bounds[0]),
@@ -229,7 +204,7 @@ class _IteratedGLS:
         plates = response.shape[2] - len(case.sensors)
         response[:, :, len(case.sensors) :] *= conductance
         gaps = gap_errors(self.fill_std, case.record.boundary_noise_std, response, self.bins)
-        response, bins = thinned(response, self.bins, self.spacing)
+        response, bins = restricted_to_reading_rows(response, self.bins, self.spacing)
         sensor_std = np.array([sensor.noise_std for sensor in case.sensors] + [flux_noise_std(case)] * plates)
         return NoiseShape(response, bins, sensor_std, case.record.boundary_noise_std, gaps)
 
@@ -240,10 +215,10 @@ def _wall_converged(fit: GLSFit, before: Parameters, names: Sequence[str]) -> bo
     return bool(np.all(change <= _CONVERGED * np.array([fit.std(name) for name in names])))
 
 
-def _noise_of_residual(shape: NoiseShape, fit: GLSFit) -> Noise:
+def _noise_of_residual(shape: NoiseShape, fit: GLSFit) -> NoiseCovariance:
     """The noise estimated from a fit's residual, every direction of its parameters projected out."""
-    directions = np.asarray(fit.minimum.jacobian).T[fit.used]
-    moving = np.linalg.norm(directions, axis=1) > 0
-    if not moving[0]:  # the readings do not depend on the diffusivity
-        return shape.stated()
-    return estimate_noise(shape, np.asarray(fit.minimum.left), directions[moving], fit.sensitivity)
+    directions = np.asarray(fit.minimum.jacobian).T[fit.estimated_indices]
+    nonzero = np.linalg.norm(directions, axis=1) > 0
+    if not nonzero[0]:  # the readings do not depend on the diffusivity
+        return shape.stated_covariance()
+    return estimate_noise(shape, np.asarray(fit.minimum.residual), directions[nonzero], fit.sensitivity)

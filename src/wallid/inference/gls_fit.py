@@ -23,7 +23,7 @@ import scipy
 
 from .._internal.arrays import on_device
 from .likelihood import LOG_CONDUCTIVITY, PROFILE_MODE, LikelihoodProblem, Minimum
-from .noise_covariance import Noise, NoiseShape
+from .noise_covariance import NoiseCovariance, NoiseShape
 from .nuisance_parameters import NuisanceKind, instrument_error_kinds
 from .parameters import Parameters, kind_of
 from .profile_interval import Interval, interval_95
@@ -37,10 +37,11 @@ class GLSFit:
 
     Args:
         problem, minimum: the cost, and its minimum over all parameters.
-        shape: the covariance for any size of the noise. noise: the covariance that the weights are from.
+        noise_shape: the covariance for any size of the noise.
+        noise: the covariance from which the weights are.
         kinds: of nuisance parameters, in the order of the parameters.
         reduced_chi_square: the cost under the stated noise, over its degrees of freedom.
-        estimated: whether the noise was estimated from the record; if not, it is as stated, and a large residual
+        noise_estimated: whether the noise was estimated from the record. If not, it is as stated, and a large residual
             inflates the covariance.
         iterations: of generalised least squares.
         robust: the noise estimated from the residual where the weights are those of the stated noise; or None.
@@ -48,18 +49,18 @@ class GLSFit:
 
     problem: LikelihoodProblem
     minimum: Minimum
-    shape: NoiseShape
-    noise: Noise
+    noise_shape: NoiseShape
+    noise: NoiseCovariance
     kinds: Sequence[NuisanceKind]
     reduced_chi_square: float
-    estimated: bool
+    noise_estimated: bool
     iterations: int
-    robust: Noise | None = None
+    robust: NoiseCovariance | None = None
 
     @cached_property
     def parameters(self) -> Parameters:
         """All parameters at the minimum, in their own units."""
-        return self.problem.to_parameters(self.minimum.parameters)
+        return self.problem.to_parameters(self.minimum.vector)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -67,38 +68,38 @@ class GLSFit:
         return self.problem.parameters.estimated_names
 
     @cached_property
-    def used(self) -> np.ndarray:
+    def estimated_indices(self) -> np.ndarray:
         """Indices of the estimated parameters among all."""
         return np.flatnonzero(np.asarray(self.problem.parameters.estimated))
 
     def indices(self, *kinds: str) -> np.ndarray:
-        """Where the estimated parameters of some kinds stand in the arrays below."""
+        """Indices in the arrays below of the estimated parameters of some kinds."""
         return np.array([k for k, name in enumerate(self.names) if kind_of(name) in kinds], int)
 
     @cached_property
     def z(self) -> np.ndarray:
         """ln(alpha/start), then the nuisance parameters in prior standard deviations."""
-        return np.asarray(self.minimum.parameters)[self.used]
+        return np.asarray(self.minimum.vector)[self.estimated_indices]
 
     @cached_property
     def readings_jacobian(self) -> np.ndarray:
-        """Of the binned readings, K, `(reading, param)`."""
-        return np.asarray(self.minimum.jacobian)[:, self.used]
+        """Jacobian of the binned readings, K, `(reading, param)`."""
+        return np.asarray(self.minimum.jacobian)[:, self.estimated_indices]
 
     @cached_property
     def jacobian(self) -> np.ndarray:
-        """Of the whitened readings, the priors' rows below, `(row, param)`."""
+        """Jacobian of the whitened readings, then of the prior residuals, `(row, param)`."""
         count = len(self.names)
-        return np.concatenate([self.noise.whiten @ self.readings_jacobian, np.eye(count - 1, count, 1)])
+        return np.concatenate([self.noise.whitening @ self.readings_jacobian, np.eye(count - 1, count, 1)])
 
     @cached_property
     def finite(self) -> bool:
-        """Whether the model's values and derivatives are finite there."""
+        """Whether the Jacobian is finite."""
         return bool(np.all(np.isfinite(self.jacobian)))
 
     @cached_property
-    def inverse(self) -> np.ndarray:
-        """Change of each parameter per whitened reading and per prior residual, `(param, row)`; NaN if not finite."""
+    def generalised_inverse(self) -> np.ndarray:
+        """Pseudo-inverse of the Jacobian, `(param, row)`; NaN where the Jacobian is not finite."""
         if not self.finite:
             return np.full(self.jacobian.shape[::-1], np.nan)
         size = np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300)
@@ -106,37 +107,38 @@ class GLSFit:
 
     @cached_property
     def marginal_cost(self) -> float:
-        """`-2 log L` with the nuisance parameters integrated out, without the noise's constant."""
+        """`-2 log L` with the nuisance parameters integrated out, without `log det R`."""
         J = self.jacobian[:, 1:]
         return float(self.minimum.cost) + float(np.linalg.slogdet(J.T @ J)[1])
 
     @property
-    def evidence(self) -> float:
-        """The same with the noise's constant, to compare minima under noise of different sizes."""
-        return self.marginal_cost - 2.0 * float(np.sum(np.log(np.diag(self.noise.whiten))))
+    def marginal_deviance(self) -> float:
+        """The marginal cost plus `log det R`, which compares minima under noise of different sizes."""
+        return self.marginal_cost - 2.0 * float(np.sum(np.log(np.diag(self.noise.whitening))))
 
     @property
     def sensitivity(self) -> np.ndarray:
         """The binned readings' derivative with respect to ln(alpha), nuisance parameters projected out, K."""
-        J, raw = self.jacobian, self.readings_jacobian
-        rest = np.linalg.lstsq(J[:, 1:], J[:, 0], rcond=None)[0]
-        return raw[:, 0] - raw[:, 1:] @ rest
+        J, of_readings = self.jacobian, self.readings_jacobian
+        coefficients = np.linalg.lstsq(J[:, 1:], J[:, 0], rcond=None)[0]
+        return of_readings[:, 0] - of_readings[:, 1:] @ coefficients
 
     @property
     def variance_inflation(self) -> float:
-        """Of the covariance: for the uncertainty of the noise's shape, or for a residual beyond the stated noise."""
+        """Inflation of the covariance for an uncertain shape of the noise, or for a residual above the stated noise."""
         if self.robust is not None:
-            return float(self.covariance[0, 0] / (self.inverse[0] @ self.inverse[0]))
-        return self.noise.widening if self.estimated else max(1.0, self.reduced_chi_square)
+            return float(self.covariance[0, 0] / (self.generalised_inverse[0] @ self.generalised_inverse[0]))
+        return self.noise.variance_inflation if self.noise_estimated else max(1.0, self.reduced_chi_square)
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Of ln(alpha) and the nuisance parameters in prior standard deviations, `(param, param)`."""
+        """Covariance of ln(alpha) and of the nuisance parameters in prior standard deviations, `(param, param)`."""
         if self.robust is None:
-            return self.inverse @ self.inverse.T * self.variance_inflation
-        readings = len(self.noise.whiten)
-        own, priors = self.inverse[:, :readings] @ self.noise.whiten, self.inverse[:, readings:]
-        return own @ self.robust.covariance @ own.T + priors @ priors.T
+            return self.generalised_inverse @ self.generalised_inverse.T * self.variance_inflation
+        readings = len(self.noise.whitening)
+        K, priors = np.split(self.generalised_inverse, [readings], axis=1)
+        K = K @ self.noise.whitening
+        return K @ self.robust.covariance @ K.T + priors @ priors.T
 
     @cached_property
     def readings_covariance(self) -> np.ndarray:
@@ -153,20 +155,20 @@ class GLSFit:
 
         Source: C. R. Rao, Proc. Camb. Phil. Soc. 44 (1948), 50.
         """
-        bins = self.shape.count
+        bins = self.noise_shape.bin_count
         slope = self.readings_jacobian[:, 0].reshape(-1, bins)
         modulation = np.cos(np.pi * np.outer(np.arange(1, _MODULATIONS + 1), (np.arange(bins) + 0.5) / bins))
-        varied = self.noise.whiten @ (slope * modulation[:, None]).reshape(_MODULATIONS, -1).T
+        directions = self.noise.whitening @ (slope * modulation[:, None]).reshape(_MODULATIONS, -1).T
         scale = np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300)
         basis, _ = np.linalg.qr(self.jacobian / scale)
-        varied = np.pad(varied, ((0, len(self.names) - 1), (0, 0)))
-        varied = varied - basis @ (basis.T @ varied)
-        readings = len(self.noise.whiten)
-        score = varied.T @ np.concatenate([self.noise.whiten @ np.asarray(self.minimum.left), -self.z[1:]])
-        own, priors = varied[:readings].T @ self.noise.whiten, varied[readings:]
-        spread = own @ self.readings_covariance @ own.T + priors.T @ priors
-        statistic = float(score @ np.linalg.lstsq(spread, score, rcond=1e-9)[0]) / _MODULATIONS
-        freedom = (self.robust or self.noise).freedom
+        directions = np.pad(directions, ((0, len(self.names) - 1), (0, 0)))
+        directions = directions - basis @ (basis.T @ directions)
+        readings = len(self.noise.whitening)
+        score = directions.T @ np.concatenate([self.noise.whitening @ np.asarray(self.minimum.residual), -self.z[1:]])
+        K, priors = directions[:readings].T @ self.noise.whitening, directions[readings:]
+        score_covariance = K @ self.readings_covariance @ K.T + priors.T @ priors
+        statistic = float(score @ np.linalg.lstsq(score_covariance, score, rcond=1e-9)[0]) / _MODULATIONS
+        freedom = (self.robust or self.noise).degrees_of_freedom
         if not np.isfinite(freedom):
             return float(scipy.special.chdtrc(_MODULATIONS, _MODULATIONS * statistic))
         return float(scipy.special.fdtrc(_MODULATIONS, freedom, statistic))
@@ -189,10 +191,10 @@ class GLSFit:
 
     @property
     def quantile(self) -> float:
-        """97.5 % quantile, in units of `log_std`: above the normal one for the uncertainty of the noise."""
+        """97.5 % quantile of ln(alpha) in units of `log_std`, above the normal one where the noise is estimated."""
         if self.robust is not None:
             return self.robust.quantile
-        return self.noise.quantile / math.sqrt(self.noise.widening)
+        return self.noise.quantile / math.sqrt(self.noise.variance_inflation)
 
     def std(self, name: str) -> float:
         """Standard error of an estimated parameter, in its own unit."""
@@ -208,52 +210,62 @@ class GLSFit:
         )
 
     def variance(self, combination: np.ndarray) -> float:
-        """Variance of a linear combination of the parameters, such as ln(heat capacity)."""
+        """Variance of a linear combination of the parameters, such as ln(heat capacity).
+
+        Args:
+            combination: its coefficients, `(param,)`.
+        """
         return float(combination @ self.covariance @ combination)
 
-    def of_instrument_errors(self, combination: np.ndarray) -> dict[str, float]:
+    def instrument_error_effects(self, combination: np.ndarray) -> dict[str, float]:
         """Change of a combination of the parameters for one prior standard deviation of each instrument error."""
-        readings = len(self.noise.whiten)
-        per_prior = combination @ self.inverse[:, readings:]
+        readings = len(self.noise.whitening)
+        per_prior = combination @ self.generalised_inverse[:, readings:]
         return {self.names[k]: float(per_prior[k - 1]) for k in self.indices(*instrument_error_kinds(self.kinds))}
 
     def model_shift(self, model_difference: np.ndarray) -> float:
-        """Shift of ln(alpha) by an error of the predictions at the rows, K (of plates as q L / k)."""
+        """Shift of ln(alpha) by a model error.
+
+        Args:
+            model_difference: error of the predictions at the rows, K (of plates as q L / k), `(time, channel)`.
+        """
         if LOG_CONDUCTIVITY in self.parameters:
-            scale = np.asarray(self.problem.flux_scale(self.minimum.parameters) / self.problem.data.temperature)
+            scale = np.asarray(self.problem.flux_scale(self.minimum.vector) / self.problem.data.temperature)
             plates = len(scale)
             model_difference = np.concatenate(
                 [model_difference[:, :-plates], scale * model_difference[:, -plates:]], axis=1
             )
         binned = np.asarray(self.problem.bins.mean(on_device(model_difference)))
-        return float(self.inverse[0, : len(binned)] @ (self.noise.whiten @ binned))
+        return float(self.generalised_inverse[0, : len(binned)] @ (self.noise.whitening @ binned))
 
-    def shares(self) -> dict[str, float]:
+    def variance_shares(self) -> dict[str, float]:
         """Share of each source of error in ln(alpha)'s variance.
 
-        The noise with all parameters known, then what the uncertainty of each kind of parameters adds, in order.
+        First the noise, with all nuisance parameters known; then the increase by each kind of parameters, in order.
         """
-        J, readings = self.jacobian, len(self.noise.whiten)
-        own = J[:readings, 0] / np.sum(J[:readings, 0] ** 2) @ self.noise.whiten
-        known = float(own @ self.noise.covariance @ own)
-        faces = float(own @ self.faces_covariance @ own)
-        variance = {"sensors' noise": known - faces, "faces' noise": faces}
+        J, readings = self.jacobian, len(self.noise.whitening)
+        K = J[:readings, 0] / np.sum(J[:readings, 0] ** 2) @ self.noise.whitening
+        noise = float(K @ self.noise.covariance @ K)
+        faces = float(K @ self.faces_covariance @ K)
+        variance = {"sensors' noise": noise - faces, "faces' noise": faces}
         groups = {kind.source_of_variance: self.indices(kind.kind) for kind in self.kinds}
         groups["initial profile"] = self.indices(PROFILE_MODE)
-        used = [0]
-        for source, columns in groups.items():
-            used += columns.tolist()
-            if len(columns):
-                # ln(alpha) last: its row is what the other parameters leave
-                R = np.asarray(np.linalg.qr(J[:, used][:, ::-1], mode="r"))
+        columns = [0]
+        for source, indices in groups.items():
+            columns += indices.tolist()
+            if len(indices):
+                # ln(alpha) is the last column: its diagonal element is what remains after projecting out the others
+                R = np.asarray(np.linalg.qr(J[:, columns][:, ::-1], mode="r"))
                 variance[source] = float(1.0 / R[-1, -1] ** 2) - sum(variance.values())
         total = sum(variance.values())
         return {source: part / total for source, part in variance.items()}
 
     @cached_property
     def faces_covariance(self) -> np.ndarray:
-        """The part of the covariance that is the faces' noise."""
-        only = NoiseShape(np.zeros_like(self.shape.response), self.shape.bins, self.shape.sensor_std, 0.0)
-        sensors = only.noise(self.noise.white, self.noise.autocorrelated, self.noise.correlation).covariance
-        present = self.shape.counts.T.reshape(-1) > 0
+        """The part of the readings' covariance that is due to the faces' noise, K2."""
+        only = NoiseShape(
+            np.zeros_like(self.noise_shape.response), self.noise_shape.bins, self.noise_shape.sensor_std, 0.0
+        )
+        sensors = only.covariance_of(self.noise.white, self.noise.autocorrelated, self.noise.correlation).covariance
+        present = self.noise_shape.counts.T.reshape(-1) > 0
         return (self.noise.covariance - sensors) * np.outer(present, present)

@@ -1,4 +1,4 @@
-"""Which parameters a record identifies: collinearity index, correlations, and a sentence.
+"""Which parameters a record identifies: collinearity index, correlations, and a summary in words.
 
 With `s_j` the whitened derivatives of the readings with respect to each parameter, the initial profile and the common
 noise projected out within their priors::
@@ -29,9 +29,9 @@ COLLINEAR = 10.0
 _LARGEST_SUBSET = 3
 _MAX_PARAMETERS = 20  # with more, subsets of three are too many
 _OTHER_KINDS = (CommonNoise.kind, PROFILE_MODE, LOG_CONDUCTIVITY, PLATE_GAIN)
-_WORDS = {LOG_DIFFUSIVITY: "the diffusivity", LOG_CONDUCTIVITY: "the conductivity"}
+_DESCRIPTIONS = {LOG_DIFFUSIVITY: "the diffusivity", LOG_CONDUCTIVITY: "the conductivity"}
 _MAX_GROUPS = 2  # that a sentence names
-_UNINFORMED = 0.9  # of a prior's standard deviation: the record adds hardly any information
+_UNINFORMED = 0.9  # posterior over prior standard deviation: above, the record adds hardly any information
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,43 +44,43 @@ class Identifiability:
             over the noise), largest first.
         correlations: of the estimates, priors included.
         collinearity: index of each subset of two, three and all of them, by indices into `names`.
-        left: posterior over prior standard deviation; NaN for the diffusivity, which has no prior.
+        posterior_prior_ratio: posterior over prior standard deviation; NaN for the diffusivity, which has no prior.
     """
 
     names: tuple[str, ...]
     singular_values: np.ndarray
     correlations: np.ndarray
     collinearity: dict[tuple[int, ...], float]
-    left: np.ndarray
+    posterior_prior_ratio: np.ndarray
 
     @property
-    def worst(self) -> float:
-        """The collinearity index of all of them."""
+    def overall_collinearity(self) -> float:
+        """The collinearity index of all parameters together."""
         return self.collinearity.get(tuple(range(len(self.names))), 1.0)
 
     @property
-    def confused(self) -> list[tuple[int, ...]]:
+    def collinear_subsets(self) -> list[tuple[int, ...]]:
         """The smallest subsets that cannot be distinguished, worst first."""
-        found: list[tuple[int, ...]] = []
+        smallest: list[tuple[int, ...]] = []
         for subset in sorted(self.collinearity, key=len):
-            if self.collinearity[subset] > COLLINEAR and not any(set(one) <= set(subset) for one in found):
-                found.append(subset)
-        return sorted(found, key=lambda subset: -self.collinearity[subset])
+            if self.collinearity[subset] > COLLINEAR and not any(set(one) <= set(subset) for one in smallest):
+                smallest.append(subset)
+        return sorted(smallest, key=lambda subset: -self.collinearity[subset])
 
     def __str__(self) -> str:
         sentences = [
             f"{self._list(subset)} cannot be distinguished by the readings alone "
             f"(collinearity index {_index(self.collinearity[subset])})"
-            for subset in self.confused[:_MAX_GROUPS]
+            for subset in self.collinear_subsets[:_MAX_GROUPS]
         ]
-        if more := len(self.confused[_MAX_GROUPS:]):
-            sentences.append(f"nor can {more} more group{'s' if more > 1 else ''} of these")
-        nothing = [name for name, left in zip(self.names, self.left, strict=True) if left > _UNINFORMED]
-        if nothing:
-            sentences.append(f"for {_and(nothing)} the record gives hardly more than the prior")
+        if more := len(self.collinear_subsets[_MAX_GROUPS:]):
+            sentences.append(f"the same holds for {more} more group{'s' if more > 1 else ''} of these")
+        ratios = zip(self.names, self.posterior_prior_ratio, strict=True)
+        if uninformed := [name for name, ratio in ratios if ratio > _UNINFORMED]:
+            sentences.append(f"for {_and(uninformed)} the record adds hardly any information to the prior")
         if sentences:
             return "; ".join(sentences)
-        return f"{_and(self.names)} are identifiable (collinearity index {_index(self.worst)})"
+        return f"{_and(self.names)} are identifiable (collinearity index {_index(self.overall_collinearity)})"
 
     def _list(self, subset: tuple[int, ...]) -> str:
         return _and([self.names[index] for index in subset])
@@ -96,7 +96,11 @@ def _and(names) -> str:
 
 
 def collinearity_index(sensitivity: np.ndarray) -> float:
-    """gamma of the columns of a sensitivity matrix; infinite where one is 0 or they are dependent."""
+    """The collinearity index of the columns of a sensitivity matrix; infinite where they are linearly dependent.
+
+    Args:
+        sensitivity: `(reading, param)`.
+    """
     size = np.linalg.norm(sensitivity, axis=0)
     if not np.all(np.isfinite(size)) or np.any(size == 0.0):
         return math.inf
@@ -105,7 +109,7 @@ def collinearity_index(sensitivity: np.ndarray) -> float:
 
 
 def identifiability(case: Case, fit: GLSFit) -> Identifiability:
-    """Which of a fit's parameters the record identifies: the diffusivity, instrument errors, the wall's parameters."""
+    """Which parameters of a fit the record identifies: diffusivity, conductivity, instrument errors, the wall's own."""
     kinds = (LOG_DIFFUSIVITY, "sensor_offset", "sensor_position", "face_position", WallParameters.kind)
     extra = [kind for kind in dict.fromkeys(map(kind_of, fit.names)) if kind not in (*kinds, *_OTHER_KINDS)]
     columns = fit.indices(*kinds, *extra, LOG_CONDUCTIVITY, PLATE_GAIN).tolist()
@@ -116,33 +120,33 @@ def identifiability(case: Case, fit: GLSFit) -> Identifiability:
     subsets += [tuple(order)] if len(columns) > largest else []
     covariance = fit.covariance[np.ix_(columns, columns)]
     std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    left = std.copy()
-    left[0] = np.nan
+    ratio = std.copy()
+    ratio[0] = np.nan
     return Identifiability(
         names=tuple(_describe(fit.names[column]) for column in columns),
         singular_values=np.linalg.svd(S, compute_uv=False),
         correlations=covariance / np.outer(std, std),
         collinearity={subset: collinearity_index(S[:, list(subset)]) for subset in subsets},
-        left=left,
+        posterior_prior_ratio=ratio,
     )
 
 
 def _projected_sensitivity(fit: GLSFit, columns: list[int]) -> np.ndarray:
-    """The whitened derivatives by some parameters, the others projected out within their priors."""
-    J = fit.noise.whiten @ fit.readings_jacobian
+    """The whitened derivatives with respect to some parameters, the others projected out within their priors."""
+    J = fit.noise.whitening @ fit.readings_jacobian
     others = [column for column in range(J.shape[1]) if column not in columns]
     if not others:
         return J[:, columns]
-    taken = np.concatenate([J[:, others], np.eye(len(others))])
-    wanted = np.concatenate([J[:, columns], np.zeros((len(others), len(columns)))])
-    return wanted - taken @ np.linalg.lstsq(taken, wanted, rcond=None)[0]
+    projected_out = np.concatenate([J[:, others], np.eye(len(others))])
+    S = np.concatenate([J[:, columns], np.zeros((len(others), len(columns)))])
+    return S - projected_out @ np.linalg.lstsq(projected_out, S, rcond=None)[0]
 
 
 def _describe(name: str) -> str:
     """A parameter in words."""
     kind, target = kind_of(name), target_of(name).replace("_", " ")
-    if name in _WORDS:
-        return _WORDS[name]
+    if name in _DESCRIPTIONS:
+        return _DESCRIPTIONS[name]
     if kind != WallParameters.kind:
         return f"the {describe_instrument_error(name)}"
     part, _, which = target.partition(" ")

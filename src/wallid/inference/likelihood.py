@@ -19,11 +19,11 @@ from jaxtyping import Array, Float
 
 from .._internal.arrays import on_device
 from ..models.integration import Integrator, run_rows
-from ..models.sensitivity_equations import field_with_theta, run
+from ..models.sensitivity_equations import field_with_theta, simulate_window
 from ..models.state_space import StateSpace
 from ..models.window_inputs import WindowData
 from .gauss_newton import Trace, search
-from .noise_covariance import Bins
+from .noise_covariance import BinnedReadings
 from .parameters import Parameters, kind_of
 
 LOWEST, HIGHEST = 1e-10, 1e-2
@@ -43,15 +43,15 @@ class NuisanceModel(eqx.Module):
 
     Args:
         columns: change of the readings for one prior standard deviation of each linear parameter, K.
-        at: the linear parameters at which the change below was computed, in prior standard deviations.
+        linearised_at: the linear parameters at which the change below was computed, in prior standard deviations.
         change, change_slope: change of the readings at that point, K, and its derivative with respect to ln(alpha).
         log_alpha: ln(alpha_k / start).
-        rates, shapes: of the wall's slowest modes: `x_k' = Fo f_k x_k`, and each one's temperatures at the sensors, 1.
-        flux: flux for 1 of the model's flux output at the reference conductivity, W/m2; empty without plates.
+        rates, shapes: of the wall's slowest modes: `f_k` in `x_k' = Fo f_k x_k`, and the mode shape at the sensors, 1.
+        flux: W/m2 for each unit of the model's flux output, at the reference conductivity; empty without plates.
     """
 
     columns: Float[Array, "param time sensor"] = eqx.field(converter=on_device)
-    at: Float[Array, " param"] = eqx.field(converter=on_device)
+    linearised_at: Float[Array, " param"] = eqx.field(converter=on_device)
     change: Float[Array, "time sensor"] = eqx.field(converter=on_device)
     change_slope: Float[Array, "time sensor"] = eqx.field(converter=on_device)
     log_alpha: Float[Array, ""] = eqx.field(converter=on_device)
@@ -72,7 +72,9 @@ class LikelihoodProblem(eqx.Module):
         parameters: names, priors, and the mask of those estimated. `y` is in their order, `z` in prior standard
             deviations. A parameter that is known exactly has no effect on the readings, so its `z` stays 0.
         observed: the readings' means over bins, degC, 0 in an empty bin.
-        whiten: W.
+        whitening: W.
+        fourier_per_alpha: the Fourier number for 1 m2/s.
+        start: alpha_0, m2/s.
         lowest, highest: bounds of the diffusivity, m2/s.
     """
 
@@ -80,9 +82,9 @@ class LikelihoodProblem(eqx.Module):
     data: WindowData
     parameters: Parameters
     nuisance: NuisanceModel
-    bins: Bins
+    bins: BinnedReadings
     observed: Float[Array, " reading"]
-    whiten: Float[Array, "reading reading"]
+    whitening: Float[Array, "reading reading"]
     fourier_per_alpha: Float[Array, ""]
     start: Float[Array, ""]
     lowest: Float[Array, ""]
@@ -115,14 +117,14 @@ class LikelihoodProblem(eqx.Module):
         if self.explicit_theta:
             u = field_with_theta(fourier, data.initial, self.system, data, self.integrator)
         else:
-            u = run(self.system, fourier, data, integrator=self.integrator)[0]
-        own = (LOG_DIFFUSIVITY, LOG_CONDUCTIVITY, PROFILE_MODE, PLATE_GAIN)
-        linear = self.parameters.indices(name for name in self.parameters.names if kind_of(name) not in own)
-        decay = jnp.exp(fourier * jnp.outer(data.time, nuisance.rates)) * self.values_of(y, PROFILE_MODE)
+            u = simulate_window(self.system, fourier, data, integrator=self.integrator)[0]
+        nonlinear = (LOG_DIFFUSIVITY, LOG_CONDUCTIVITY, PROFILE_MODE, PLATE_GAIN)
+        linear = self.parameters.indices(name for name in self.parameters.names if kind_of(name) not in nonlinear)
+        modes = jnp.exp(fourier * jnp.outer(data.time, nuisance.rates)) * self.values_of(y, PROFILE_MODE)
         log_alpha = y[self.parameters.index(LOG_DIFFUSIVITY)]
         change = nuisance.change + nuisance.change_slope * (log_alpha - nuisance.log_alpha)
-        change = change + jnp.tensordot(y[linear] - nuisance.at, nuisance.columns, 1)
-        profile = decay @ nuisance.shapes.T
+        change = change + jnp.tensordot(y[linear] - nuisance.linearised_at, nuisance.columns, 1)
+        profile = modes @ nuisance.shapes.T
         if not nuisance.fluxes:
             return data.celsius(u) + change + profile
         sensors = u.shape[1] - nuisance.fluxes
@@ -131,7 +133,7 @@ class LikelihoodProblem(eqx.Module):
         return jnp.concatenate([temperatures, fluxes], axis=1)
 
     def flux_scale(self, y: Float[Array, " param"]) -> Float[Array, " flux"]:
-        """Each plate's reading for 1 of the model's flux output, W/m2."""
+        """Each plate's reading for one unit of the model's flux output, W/m2."""
         return self.nuisance.flux * (
             jnp.exp(self.values_of(y, LOG_CONDUCTIVITY)) * (1.0 + self.values_of(y, PLATE_GAIN))
         )
@@ -143,23 +145,26 @@ class LikelihoodProblem(eqx.Module):
 
     def residual(self, y: Float[Array, " param"]) -> Float[Array, " row"]:
         """The whitened residual, then the prior residuals."""
-        return jnp.concatenate([self.whiten @ (self.binned(y)[0] - self.observed), y[1:]])
+        return jnp.concatenate([self.whitening @ (self.binned(y)[0] - self.observed), y[1:]])
 
 
 class Minimum(eqx.Module):
     """The minimum of the cost.
 
     Args:
-        predicted: at the rows, degC (W/m2 of plates).
-        left: residual of the binned readings, K.
+        vector: `y`.
+        trace: of the iteration.
+        predicted: predicted readings at the rows, degC (W/m2 of plates).
+        residual: of the binned readings, measured minus predicted, K.
         jacobian: of the binned readings, K, before whitening and without the priors' rows.
         cost: -2 log L.
+        converged: whether Gauss-Newton has converged.
     """
 
-    parameters: Float[Array, " param"]
+    vector: Float[Array, " param"]
     trace: Trace
     predicted: Float[Array, "time sensor"]
-    left: Float[Array, " reading"]
+    residual: Float[Array, " reading"]
     jacobian: Float[Array, "reading param"]
     cost: Float[Array, ""]
     converged: Array
@@ -169,14 +174,22 @@ class Minimum(eqx.Module):
 def minimise(
     problem: LikelihoodProblem, first: Float[Array, " param"], eta: Float[Array, ""], max_iterations: int
 ) -> Minimum:
-    """Gauss-Newton from `first`; one compilation for all windows of a shape and all choices of estimated parameters."""
+    """The minimum of the cost, by Gauss-Newton.
+
+    One compilation serves all windows of a shape and all choices of estimated parameters.
+
+    Args:
+        first: the vector `y` to start from.
+        eta: stopping criterion on the relative change of the diffusivity.
+        max_iterations: after more evaluations the iteration ends as not converged.
+    """
     solution = _search(problem, first, eta, max_iterations)
     jacobian, predicted = jax.jacfwd(problem.binned, has_aux=True)(solution.value)
     return Minimum(
-        parameters=solution.value,
+        vector=solution.value,
         trace=solution.stats["trace"],
         predicted=predicted,
-        left=problem.observed - problem.bins.mean(predicted),
+        residual=problem.observed - problem.bins.mean(predicted),
         jacobian=jacobian,
         cost=jnp.sum(solution.stats["residual"] ** 2),
         converged=solution.result == optx.RESULTS.successful,
@@ -197,73 +210,83 @@ def _search(problem: LikelihoodProblem, first: Array, eta: Array, max_iterations
 
 @eqx.filter_jit
 def profile_likelihood(problem: LikelihoodProblem, log_alpha: Float[Array, " point"]) -> Float[Array, " point"]:
-    """The profile of `-2 log L` over ln(alpha/start), nuisance parameters integrated out, without the noise's constant.
+    """The profile of `-2 log L` over ln(alpha/start), nuisance parameters integrated out, without `log det R`.
 
     At a fixed diffusivity the predictions are linear in `z`, whose prior is normal, so the integral is exact:
     `min_z (|W (m - M)|^2 + |z|^2) + log det (1 + J_z' W' W J_z)`. The last term penalises small diffusivities, at which
     the initial profile persists and could explain any readings.
+
+    Args:
+        log_alpha: ln(alpha/start) of the points.
     """
 
-    def linear(log: Array, z: Array) -> tuple[Array, Array]:
+    def linearise(log: Array, z: Array) -> tuple[Array, Array]:
         def residual(z: Array) -> tuple[Array, Array]:
-            at = problem.residual(jnp.concatenate([log[None], z]))
-            return at, at
+            value = problem.residual(jnp.concatenate([log[None], z]))
+            return value, value
 
-        rest, at = jax.jacfwd(residual, has_aux=True)(z)
-        return at, rest
+        return jax.jacfwd(residual, has_aux=True)(z)
 
     def cost(log: Array) -> Array:
         z = jnp.zeros(len(problem.parameters) - 1)
-        # conductivity and gains are multiplied: a few steps to where that is linear enough
+        # the product of conductivity and gains is not linear: a few Gauss-Newton steps first
         for _ in range(_PRODUCT_STEPS if problem.nuisance.fluxes else 0):
-            residual, rest = linear(log, z)
-            step = jnp.linalg.lstsq(rest, residual)[0]
+            J, residual = linearise(log, z)
+            step = jnp.linalg.lstsq(J, residual)[0]
             z = z - step / jnp.maximum(1.0, jnp.max(jnp.abs(step)))
-        residual, rest = linear(log, z)
-        # the priors' rows are in `rest`
-        root = jnp.linalg.cholesky(rest.T @ rest)
-        explained = jax.scipy.linalg.solve_triangular(root, rest.T @ residual, lower=True)
+        J, residual = linearise(log, z)  # with the rows of the priors
+        root = jnp.linalg.cholesky(J.T @ J)
+        explained = jax.scipy.linalg.solve_triangular(root, J.T @ residual, lower=True)
         return jnp.sum(residual**2) - jnp.sum(explained**2) + 2.0 * jnp.sum(jnp.log(jnp.diag(root)))
 
     return jax.lax.map(cost, log_alpha)
 
 
 @eqx.filter_jit
-def resample(
+def bootstrap_estimates(
     problem: LikelihoodProblem,
-    parameters: Float[Array, " param"],
+    vector: Float[Array, " param"],
     covariance_root: Float[Array, "reading reading"],
     draws: int,
-    constant: Array,
+    drawn_from_prior: Array,
     key: Array,
 ) -> Float[Array, " draw"]:
     """ln(alpha/start) estimated from readings drawn from the fitted model.
 
-    Each draw has noise of the covariance, and instrument errors (`constant`) drawn from their priors; all other
-    parameters are those of the fit.
+    Each draw has noise of the covariance, and instrument errors drawn from their priors. All other parameters are those
+    of the fit.
+
+    Args:
+        vector: `y` of the fit.
+        covariance_root: lower Cholesky factor of the covariance of the binned readings, K.
+        draws: the number of draws.
+        drawn_from_prior: mask of the parameters that are drawn from their priors.
+        key: of the random numbers.
     """
 
-    def one(key: Array) -> Array:
-        noise, errors = jax.random.split(key)
-        truth = jnp.where(constant, jax.random.normal(errors, parameters.shape), parameters)
-        size = problem.observed.shape
-        observed = problem.binned(truth)[0] + covariance_root @ jax.random.normal(noise, size)
-        drawn = eqx.tree_at(lambda p: p.observed, problem, jnp.where(_present(problem), observed, 0.0))
-        return _search(drawn, parameters, jnp.asarray(_BOOTSTRAP_ETA), _BOOTSTRAP_STEPS).value[0]
+    def estimate(key: Array) -> Array:
+        noise_key, error_key = jax.random.split(key)
+        truth = jnp.where(drawn_from_prior, jax.random.normal(error_key, vector.shape), vector)
+        observed = problem.binned(truth)[0] + covariance_root @ jax.random.normal(noise_key, problem.observed.shape)
+        present = problem.bins.counts().T.reshape(-1) > 0
+        drawn = eqx.tree_at(lambda p: p.observed, problem, jnp.where(present, observed, 0.0))
+        return _search(drawn, vector, jnp.asarray(_BOOTSTRAP_ETA), _BOOTSTRAP_STEPS).value[0]
 
-    return jax.lax.map(one, jax.random.split(key, draws))
-
-
-def _present(problem: LikelihoodProblem) -> Array:
-    return problem.bins.counts().T.reshape(-1) > 0
+    return jax.lax.map(estimate, jax.random.split(key, draws))
 
 
 @eqx.filter_jit
 def face_response(
     system: StateSpace, fourier: Float[Array, ""], step: Float[Array, ""], rows: int
 ) -> Float[Array, "face time output"]:
-    """The outputs' response to 1 K more at one row of one face, with straight lines between rows."""
-    # the pulse is at the second row, so that the line up to it is included; the row before is cut off
+    """The outputs' response to 1 K more at one row of one face, with straight lines between rows.
+
+    Args:
+        fourier: the Fourier number.
+        step: between rows, relative to the reference time.
+        rows: the number of rows of the response, from the row of the pulse on.
+    """
+    # the pulse is at the second row, so that the line from the row before is included; the first row is cut off
     pulse = jnp.zeros((2, rows + 1, system.B.shape[1])).at[jnp.arange(2), 1, jnp.arange(2)].set(1.0)
-    still = jnp.zeros(system.P.shape[1])
-    return jax.vmap(lambda inputs: run_rows(system, fourier, step, inputs, still)[0])(pulse)[:, 1:]
+    uniform = jnp.zeros(system.P.shape[1])
+    return jax.vmap(lambda inputs: run_rows(system, fourier, step, inputs, uniform)[0])(pulse)[:, 1:]

@@ -1,13 +1,13 @@
 """Nuisance parameters of one window: offsets, position errors, calibrations, common noise and the initial profile.
 
-They are no noise: each is a constant with a prior, which the case states (`offset_std`, `position_std`,
-`face_position_std`) or which follows from the record (the initial profile, whose polynomial is fitted through few
-readings). Each kind states its parameters and its linear effect on the readings. A new kind is one more entry of
-`NUISANCE_KINDS`, or of the `kinds` that an estimate is given.
+They are not noise: each is a constant with a prior. The case states the prior (`offset_std`, `position_std`,
+`face_position_std`), or it follows from the record (the initial profile, a polynomial fitted through few readings).
+Each kind has its parameters and their linear effect on the readings. A new kind is one more entry of `NUISANCE_KINDS`,
+or of the argument `kinds` of an estimate.
 
 Sensors on one logger share some of its noise. Where the faces hardly vary, noise common to all channels mimics
-instantaneous conduction and drives alpha to infinity. The part of a face's readings that may be noise (a Wiener filter
-by the stated noise) is therefore added to the inner readings, with an estimated share.
+instantaneous conduction and drives alpha to infinity. Therefore the part of a face's readings that may be noise (by a
+Wiener filter for the stated noise) is added to the inner readings, with an estimated share.
 """
 
 from __future__ import annotations
@@ -27,11 +27,10 @@ from ..case.case_definition import Case
 from ..case.initial_profile import PROFILE_MODES, fit_profile, scales, window_temperature_range
 from ..case.time_window import Window
 from ..case.wall_and_sensors import SIDES
-from ..models.flux_plates import flux_gain_std, fluxes_of
-from ..models.plate_model import full_order_model_with_plates
-from ..models.sensitivity_equations import run
+from ..models.flux_plates import flux_gain_std, fluxes_of, full_order_model_with_plates
+from ..models.sensitivity_equations import simulate_window
 from ..models.state_space import StateSpace
-from ..models.wall_parameters import free_wall_parameters, std_of
+from ..models.wall_parameters import free_wall_parameters, prior_std_of
 from ..models.window_inputs import WindowData
 from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, PLATE_GAIN, PROFILE_MODE, NuisanceModel
 from .parameters import Parameter, Parameters, kind_of, target_of
@@ -47,6 +46,7 @@ class Linearisation:
     """The point about which the readings are linear in the nuisance parameters.
 
     Args:
+        case, window: the case and the window.
         data: of the window; its outputs are the sensors, then the plates.
         diffusivity: m2/s.
         parameters: with the estimates so far, in their own units.
@@ -59,20 +59,20 @@ class Linearisation:
     parameters: Parameters
 
     @cached_property
-    def sensors(self) -> int:
+    def sensor_count(self) -> int:
         """The number of inner sensors."""
         return len(self.case.sensors)
 
     @cached_property
     def shape(self) -> tuple[int, int]:
-        """Of the readings, `(time, channel)`."""
+        """The shape of the readings, `(time, channel)`."""
         rows, channels = self.data.observed.shape
         return rows, channels
 
     def in_prior_std(self, names: Sequence[str]) -> np.ndarray:
         """The estimates of some parameters so far, over their prior standard deviations."""
-        at = self.parameters.indices(names)
-        return np.asarray(self.parameters.values)[at] / np.asarray(self.parameters.prior_std)[at]
+        indices = self.parameters.indices(names)
+        return np.asarray(self.parameters.values)[indices] / np.asarray(self.parameters.prior_std)[indices]
 
     @cached_property
     def wall(self) -> np.ndarray:
@@ -85,23 +85,23 @@ class LinearEffect(NamedTuple):
 
     Args:
         columns: change of the readings for one prior standard deviation of each, K, `(param, time, channel)`.
-        at: the point, in prior standard deviations, `(param,)`.
-        change, slope: change of the readings at the point, K, and its derivative with respect to ln(alpha), for an
-            effect that is not proportional to its parameters; `(time, channel)`.
+        linearised_at: the point, in prior standard deviations, `(param,)`.
+        change, change_slope: change of the readings at the point, K, and its derivative with respect to ln(alpha), for
+            an effect that is not proportional to its parameters; `(time, channel)`.
     """
 
     columns: np.ndarray
-    at: np.ndarray
+    linearised_at: np.ndarray
     change: np.ndarray | float = 0.0
-    slope: np.ndarray | float = 0.0
+    change_slope: np.ndarray | float = 0.0
 
 
 class NuisanceKind(ABC):
     """A kind of nuisance parameters: its parameters and their effect on the readings.
 
     Attributes:
-        kind: the beginning of its parameters' names.
-        source_of_variance: its name in the shares of the diffusivity's variance.
+        kind: the beginning of its parameters' names, such as "sensor_offset".
+        source_of_variance: its name in `GLSFit.variance_shares`.
         is_instrument_error: whether it is a constant error of an instrument, the same in every window.
     """
 
@@ -115,7 +115,7 @@ class NuisanceKind(ABC):
 
     @abstractmethod
     def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
-        """The effect on the readings of its parameters of these names."""
+        """The effect on the readings of the parameters of these names."""
 
 
 class SensorOffsets(NuisanceKind):
@@ -124,11 +124,11 @@ class SensorOffsets(NuisanceKind):
     kind, source_of_variance, is_instrument_error = "sensor_offset", "offsets", True
 
     def parameters(self, case: Case, window: Window) -> Iterable[Parameter]:
-        """One for each sensor."""
+        """One parameter for each sensor."""
         return (Parameter(f"{self.kind}[{s.name}]", "K", prior_std=s.offset_std) for s in case.sensors)
 
     def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
-        """The offset itself."""
+        """The same constant in every reading of the sensor."""
         columns = np.zeros((len(names), *point.shape))
         for k, sensor in enumerate(point.case.sensors):
             columns[k, :, k] = sensor.offset_std
@@ -141,23 +141,24 @@ class SensorPositions(NuisanceKind):
     kind, source_of_variance, is_instrument_error = "sensor_position", "positions", True
 
     def parameters(self, case: Case, window: Window) -> Iterable[Parameter]:
-        """One for each sensor."""
+        """One parameter for each sensor."""
         return (Parameter(f"{self.kind}[{s.name}]", "m", prior_std=s.position_std) for s in case.sensors)
 
     def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
         """The temperature gradient at each position, and the change from the stated positions to the estimates."""
-        columns, at = np.zeros((len(names), *point.shape)), np.zeros(len(names))
+        columns, linearised_at = np.zeros((len(names), *point.shape)), np.zeros(len(names))
         uncertain = tuple(k for k, sensor in enumerate(point.case.sensors) if sensor.position_std > 0)
         if not uncertain:
-            return LinearEffect(columns, at)
+            return LinearEffect(columns, linearised_at)
         change, slope = np.zeros((2, *point.shape))
         estimates = point.in_prior_std([names[k] for k in uncertain])
-        gradient, change[:, : point.sensors], slope[:, : point.sensors], at[list(uncertain)] = sensor_position_response(
+        gradient, change[:, : point.sensor_count], slope[:, : point.sensor_count], limited = sensor_position_response(
             point.case, point.data, uncertain, point.diffusivity, estimates, point.wall
         )
+        linearised_at[list(uncertain)] = limited
         for k in uncertain:
             columns[k, :, k] = point.case.sensors[k].position_std * gradient[:, k]
-        return LinearEffect(columns, at, change, slope)
+        return LinearEffect(columns, linearised_at, change, slope)
 
 
 class FacePositions(NuisanceKind):
@@ -166,12 +167,12 @@ class FacePositions(NuisanceKind):
     kind, source_of_variance, is_instrument_error = "face_position", "faces' places", True
 
     def parameters(self, case: Case, window: Window) -> Iterable[Parameter]:
-        """One for each face."""
+        """One parameter for each face."""
         std = case.record.face_position_std
         return (Parameter(f"{self.kind}[{face}]", "m", prior_std=std) for face in SIDES)
 
     def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
-        """By the gradients at the sensors and the derivative with respect to ln(alpha)."""
+        """The effect by `position_errors.face_position_response`."""
         if point.case.record.face_position_std == 0.0:
             return LinearEffect(np.zeros((len(names), *point.shape)), np.zeros(len(names)))
         model = full_order_model_with_plates(point.case, point.wall, gradients=True)
@@ -185,17 +186,17 @@ class WallParameters(NuisanceKind):
     kind, source_of_variance = "wall", "layers and films"
 
     def parameters(self, case: Case, window: Window) -> Iterable[Parameter]:
-        """Those that the case's options name."""
-        return (Parameter(f"{self.kind}[{name}]", prior_std=std_of(name)) for name in free_wall_parameters(case))
+        """The parameters that the options of the case name."""
+        return (Parameter(f"{self.kind}[{name}]", prior_std=prior_std_of(name)) for name in free_wall_parameters(case))
 
     def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
-        """Central differences of the full-order model."""
+        """The effect by central differences of the full-order model."""
         fourier = on_device(scales(point.case).fourier_number(point.diffusivity))
         columns = np.zeros((len(names), *point.shape))
         for k, step in enumerate(_DIFFERENCE_STEP * np.eye(len(names))):
             low, high = (
-                np.asarray(run(full_order_model_with_plates(point.case, at), fourier, point.data)[0])
-                for at in (point.wall - step, point.wall + step)
+                np.asarray(simulate_window(full_order_model_with_plates(point.case, wall), fourier, point.data)[0])
+                for wall in (point.wall - step, point.wall + step)
             )
             columns[k] = float(point.data.temperature) * (high - low) / (2 * _DIFFERENCE_STEP)
         return LinearEffect(columns, point.wall)
@@ -207,16 +208,18 @@ class CommonNoise(NuisanceKind):
     kind, source_of_variance = "common_noise", "common noise"
 
     def parameters(self, case: Case, window: Window) -> Iterable[Parameter]:
-        """One for each face; none without an inner sensor."""
-        present = case.record.boundary_noise_std > 0
-        return (Parameter(f"{self.kind}[{face}]", prior_std=float(present)) for face in SIDES if case.sensors)
+        """One parameter for each face; none without an inner sensor."""
+        prior_std = float(case.record.boundary_noise_std > 0)
+        return (Parameter(f"{self.kind}[{face}]", prior_std=prior_std) for face in SIDES if case.sensors)
 
     def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
-        """The part of the face's readings that may be noise, in every inner sensor."""
+        """The same noise in every inner sensor: the part of the face's readings that may be noise."""
         columns, std = np.zeros((len(names), *point.shape)), point.case.record.boundary_noise_std
         faces = np.asarray(point.case.record.window(point.window.row, point.window.rows).faces)
         for k, name in enumerate(names if std > 0 else ()):
-            columns[k, :, : point.sensors] = wiener_filtered_noise(faces[:, SIDES.index(target_of(name))], std)[:, None]
+            columns[k, :, : point.sensor_count] = wiener_filtered_noise(faces[:, SIDES.index(target_of(name))], std)[
+                :, None
+            ]
         return LinearEffect(columns, np.zeros(len(names)))
 
 
@@ -227,15 +230,15 @@ NUISANCE_KINDS: tuple[NuisanceKind, ...] = (
     WallParameters(),
     CommonNoise(),
 )
-"""The kinds of every estimate. The initial profile's modes and the plates' calibration are part of the model itself."""
+"""The kinds of every estimate. The initial profile and the calibration of plates are parts of the model itself."""
 
 
-def estimate_parameters(case: Case, window: Window, kinds: Sequence[NuisanceKind] = NUISANCE_KINDS) -> Parameters:
+def window_parameters(case: Case, window: Window, kinds: Sequence[NuisanceKind] = NUISANCE_KINDS) -> Parameters:
     """The diffusivity and all nuisance parameters of a window, each with its prior.
 
-    The diffusivity's logarithm (relative to the prior diffusivity) comes first, then the kinds, then the amplitudes of
-    the initial profile's modes (K; known exactly where the case gives the profile), then, with flux plates, the
-    logarithm of the conductivity and each plate's calibration error.
+    In this order: the logarithm of the diffusivity over its prior value; the kinds; the amplitudes of the initial
+    profile's modes, K, known exactly where the case gives the profile; and, with flux plates, the logarithm of the
+    conductivity and the calibration error of each plate.
     """
     profile_known = fit_profile(case, window.row).eps_2 is None
     mode_std = 0.0 if profile_known else window_temperature_range(case, window)
@@ -252,28 +255,29 @@ def estimate_parameters(case: Case, window: Window, kinds: Sequence[NuisanceKind
 
 
 def instrument_error_kinds(kinds: Sequence[NuisanceKind]) -> tuple[str, ...]:
-    """The kinds that are constant errors of instruments, plates included."""
+    """The names of the kinds that are constant errors of instruments, plates included."""
     return (*(kind.kind for kind in kinds if kind.is_instrument_error), PLATE_GAIN)
 
 
 def describe_instrument_error(name: str) -> str:
     """An instrument error in words: "offset of T1", "position error of the left face's sensor"."""
-    words = {
+    descriptions = {
         SensorPositions.kind: "position error of {}",
         FacePositions.kind: "position error of the {} face's sensor",
         PLATE_GAIN: "calibration of the {} plate",
     }
     kind = kind_of(name)
     default = kind.removeprefix("sensor_").replace("_", " ") + " of {}"
-    return words.get(kind, default).format(target_of(name))
+    return descriptions.get(kind, default).format(target_of(name))
 
 
 def linearise_nuisance(
     point: Linearisation, kinds: Sequence[NuisanceKind], model: StateSpace, conductivity: float = 1.0
 ) -> NuisanceModel:
-    """The nuisance parameters' effect on the readings, linear about a point.
+    """The effect of the nuisance parameters on the readings, linear about a point.
 
     Args:
+        point: of the linearisation.
         kinds: of nuisance parameters.
         model: the case's full-order model with all outputs, at the estimates so far.
         conductivity: W/m/K, the reference value of a case with fluxes.
@@ -282,11 +286,11 @@ def linearise_nuisance(
     effects = [kind.effect(names, point) for kind in kinds if (names := parameters.of_kind(kind.kind))]
     modes = len(parameters.of_kind(PROFILE_MODE))
     change, slope = np.zeros((2, *point.shape))
-    for one in effects:
-        change, slope = change + one.change, slope + one.slope
+    for effect in effects:
+        change, slope = change + effect.change, slope + effect.change_slope
     return NuisanceModel(
-        columns=np.concatenate([np.zeros((0, *point.shape)), *(one.columns for one in effects)]),
-        at=np.concatenate([np.zeros(0), *(one.at for one in effects)]),
+        columns=np.concatenate([np.zeros((0, *point.shape)), *(effect.columns for effect in effects)]),
+        linearised_at=np.concatenate([np.zeros(0), *(effect.linearised_at for effect in effects)]),
         change=change,
         change_slope=slope,
         log_alpha=math.log(point.diffusivity / case.wall.diffusivity_prior),
@@ -300,6 +304,10 @@ def wiener_filtered_noise(readings: np.ndarray, std: float) -> np.ndarray:
     """The part of a face's readings that may be white noise of this size, K: `min(1, std^2 / P)` of each frequency.
 
     `P` is the power spectrum of the readings, smoothed over neighbouring frequencies.
+
+    Args:
+        readings: of a face, degC, `(time,)`.
+        std: standard deviation of the noise, K.
     """
     spectrum = np.asarray(scipy.fft.dct(readings - readings.mean(), type=2, norm="ortho"))
     width = min(_SMOOTHED_FREQUENCIES, len(readings))

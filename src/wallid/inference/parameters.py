@@ -12,17 +12,17 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from .._internal.arrays import on_device
+from .._internal.arrays import index_array, on_device
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a model: all that a new kind of parameter has to state.
+    """One parameter of a model.
 
     Args:
         name: its kind with its target in brackets, such as "sensor_offset[T1]".
         unit: of the value; "" for a number.
-        value: where a search starts; a parameter that is not estimated keeps it.
+        value: the initial value; a parameter that is not estimated keeps it.
         prior_std: standard deviation of its normal prior about 0, in `unit`. Infinite: no prior. 0: the parameter is
             known exactly and is not estimated.
         lower, upper: bounds of the search, in `unit`.
@@ -51,8 +51,8 @@ def target_of(name: str) -> str:
 class Parameters(eqx.Module):
     """All parameters of a model, addressed by name.
 
-    A pytree: values, priors, bounds and the mask of those that are estimated are arrays, so one compiled function
-    serves every choice of them. Names and units are static.
+    A pytree. Values, priors, bounds and the mask of estimated parameters are arrays, so one compiled function serves
+    every choice of them. Names and units are static.
 
     Args:
         values, prior_std, lower, upper, scale: as in `Parameter`, each in the parameter's own unit.
@@ -74,17 +74,17 @@ class Parameters(eqx.Module):
         """The parameters in this order, each estimated unless its prior standard deviation is 0.
 
         Raises:
-            ValueError: a name that stands twice; a value outside its bounds; a prior standard deviation below 0.
+            ValueError: a name occurs twice; a value is outside its bounds; a prior standard deviation is negative.
         """
         parameters = tuple(parameters)
         names = tuple(parameter.name for parameter in parameters)
         for k, one in enumerate(parameters):
             if one.name in names[:k]:
-                raise ValueError(f"Parameters: {one.name} stands twice; each name must be there once")
+                raise ValueError(f"Parameters: {one.name} occurs twice; names must be unique")
             if not one.lower <= one.value <= one.upper:
                 raise ValueError(f"Parameters: {one.name} = {one.value:g} is outside {one.lower:g} to {one.upper:g}")
             if not one.prior_std >= 0:
-                raise ValueError(f"Parameters: prior_std of {one.name} is {one.prior_std:g}; it must not be below 0")
+                raise ValueError(f"Parameters: prior_std of {one.name} is {one.prior_std:g}; it must be 0 or above")
         prior_std = np.array([one.prior_std for one in parameters])
         typical = np.where(np.isfinite(prior_std) & (prior_std > 0), prior_std, 1.0)
         return Parameters(
@@ -105,10 +105,10 @@ class Parameters(eqx.Module):
         return name in self.names
 
     def __getitem__(self, name: str) -> Array:
-        return self.values[self.index(name)]
+        return index_array(self.values, self.index(name))
 
     def index(self, name: str) -> int:
-        """Where a name stands in the arrays.
+        """The index of a name in the arrays.
 
         Raises:
             KeyError: there is no parameter of this name; the message lists those of its kind.
@@ -116,11 +116,11 @@ class Parameters(eqx.Module):
         try:
             return self.names.index(name)
         except ValueError:
-            alike = self.of_kind(kind_of(name))
-            raise KeyError(f"no parameter {name}; there are {', '.join(alike or self.names)}") from None
+            names = self.of_kind(kind_of(name)) or self.names
+            raise KeyError(f"no parameter {name}; there are {', '.join(names)}") from None
 
     def indices(self, names: Iterable[str]) -> np.ndarray:
-        """Where some names stand in the arrays."""
+        """The indices of some names in the arrays."""
         return np.array([self.index(name) for name in names], int)
 
     def of_kind(self, *kinds: str) -> tuple[str, ...]:
@@ -130,14 +130,14 @@ class Parameters(eqx.Module):
     @property
     def estimated_names(self) -> tuple[str, ...]:
         """The names of the parameters that are estimated, in the order of the arrays."""
-        return tuple(name for name, one in zip(self.names, np.asarray(self.estimated), strict=True) if one)
+        return tuple(name for name, mask in zip(self.names, np.asarray(self.estimated), strict=True) if mask)
 
     def vector(self, names: Iterable[str]) -> Float[Array, " chosen"]:
         """The values of some parameters, in the order of the names."""
-        return self.values[self.indices(names)]
+        return index_array(self.values, self.indices(names))
 
     def with_values(self, values: Mapping[str, Any] | Float[Array, " param"]) -> Parameters:
-        """The same parameters at other values: some of them by name, or all of them in order."""
+        """The same parameters with other values: of some parameters by name, or of all in order."""
         if not isinstance(values, Mapping):
             new = values
         elif any(isinstance(value, Tracer) for value in (self.values, *values.values())):
@@ -148,10 +148,20 @@ class Parameters(eqx.Module):
         return eqx.tree_at(lambda p: p.values, self, on_device(new))
 
     def estimating(self, names: Iterable[str]) -> Parameters:
-        """The same parameters, of which just these are estimated."""
+        """The same parameters, of which only these are estimated."""
         mask = np.zeros(len(self), bool)
         mask[self.indices(names)] = True
         return eqx.tree_at(lambda p: p.estimated, self, on_device(mask))
+
+    def flatten(self) -> np.ndarray:
+        """The values of the estimated parameters in the order of their names, for an optimizer."""
+        return np.asarray(self.values)[np.asarray(self.estimated)]
+
+    def unflatten(self, vector: np.ndarray) -> Parameters:
+        """The same parameters with the values of `flatten` replaced."""
+        values = np.array(self.values)
+        values[np.asarray(self.estimated)] = vector
+        return self.with_values(on_device(values))
 
     def to_dict(self) -> dict[str, float]:
         """Every value by its name."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from .._internal.arrays import on_device
 from .gls_fit import GLSFit
-from .likelihood import resample
+from .likelihood import bootstrap_estimates
 from .nuisance_parameters import instrument_error_kinds
 
 
@@ -23,10 +23,11 @@ class Bootstrap:
 
     Args:
         draws, seed: the number of draws, and the seed of the random numbers.
-        std: m2/s, of the estimates; that of ln(alpha) times alpha.
-        interval_95: m2/s, `alpha^2` over the draws' 97.5 % and 2.5 % quantiles (the basic interval of ln(alpha)).
+        std: standard deviation of the estimates, m2/s: that of ln(alpha) times alpha.
+        interval_95: 95 % interval, m2/s: `alpha^2` over the draws' 97.5 % and 2.5 % quantiles (the basic bootstrap
+            interval of ln(alpha)).
         bias: mean of ln(alpha) minus its true value, in standard errors of the fit.
-        values: of the draws, m2/s.
+        values: the diffusivity of each draw, m2/s.
     """
 
     draws: int
@@ -45,30 +46,28 @@ def bootstrap(fit: GLSFit, draws: int, seed: int) -> Bootstrap:
     """A parametric bootstrap: noise from the estimated covariance, instrument errors from their priors.
 
     Args:
-        draws: how many. seed: of the random numbers.
-
-    Returns:
-        the draws' diffusivities, their standard deviation, interval and bias.
+        draws: the number of draws.
+        seed: of the random numbers.
     """
     root = np.linalg.cholesky(fit.readings_covariance)
     parameters = fit.problem.parameters
     instrument_errors = parameters.indices(parameters.of_kind(*instrument_error_kinds(fit.kinds)))
-    log_alphas = resample(
+    log_alphas = bootstrap_estimates(
         fit.problem,
-        fit.minimum.parameters,
+        fit.minimum.vector,
         on_device(root),
         draws,
         on_device(np.isin(np.arange(len(parameters)), instrument_errors)),
         jax.random.key(seed),
     )
-    away = np.asarray(log_alphas) - fit.log_alpha
-    low, high = np.quantile(away, [0.025, 0.975])
+    errors = np.asarray(log_alphas) - fit.log_alpha
+    low, high = np.quantile(errors, [0.025, 0.975])
     value = fit.diffusivity
     return Bootstrap(
         draws=draws,
         seed=seed,
-        std=value * float(np.std(away, ddof=1)),
+        std=value * float(np.std(errors, ddof=1)),
         interval_95=(value * math.exp(-high), value * math.exp(-low)),
-        bias=float(np.mean(away)) / fit.log_std,
-        values=value * np.exp(away),
+        bias=float(np.mean(errors)) / fit.log_std,
+        values=value * np.exp(errors),
     )

@@ -15,7 +15,9 @@ class Quantity:
     """A value with its interval.
 
     Args:
-        value, std: in `unit`. interval_95: ends of the interval.
+        value, std: the value and its standard error, in `unit`.
+        interval_95: ends of the 95 % interval, in `unit`.
+        unit: such as "W/m/K".
     """
 
     value: float
@@ -24,7 +26,7 @@ class Quantity:
     unit: str
 
     def result(self) -> dict[str, Any]:
-        """As result.json has it."""
+        """The entry of result.json."""
         return {"value": self.value, "std": self.std, "interval_95": list(self.interval_95), "unit": self.unit}
 
     def __str__(self) -> str:
@@ -33,7 +35,13 @@ class Quantity:
 
 
 def lognormal(value: float, variance: float, quantile: float, unit: str) -> Quantity:
-    """A quantity whose logarithm is normal, its interval `quantile` standard deviations on both sides."""
+    """A quantity whose logarithm is normally distributed.
+
+    Args:
+        value: in `unit`.
+        variance: of its logarithm.
+        quantile: half the width of the 95 % interval of the logarithm, in standard deviations.
+    """
     std = math.sqrt(max(variance, 0.0))
-    wide = math.exp(min(quantile * std, 300.0))
-    return Quantity(value, value * std, (value / wide, value * wide), unit)
+    factor = math.exp(min(quantile * std, 300.0))
+    return Quantity(value, value * std, (value / factor, value * factor), unit)

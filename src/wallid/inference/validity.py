@@ -13,7 +13,7 @@ from .gls_fit import GLSFit
 from .likelihood import HIGHEST, LOG_CONDUCTIVITY, LOWEST
 from .nuisance_parameters import describe_instrument_error
 
-_MIN_SHARE, _MAX_SHARE = 0.01, 0.5  # bounds of the share of a face's change that a reading can show
+_MIN_SHARE, _MAX_SHARE = 0.01, 0.5  # bounds of the smallest detectable share of a step at a face
 _MAX_PRIOR_RESIDUAL = 4.0  # prior standard deviations: an instrument error is hardly ever larger
 _CONSTANCY_LEVEL = 0.01  # significance level of the test of a constant diffusivity
 
@@ -21,11 +21,13 @@ _CONSTANCY_LEVEL = 0.01  # significance level of the test of a constant diffusiv
 def distinguishable_range(case: Case, window: Window) -> tuple[float, float]:
     """The range of diffusivities that a window can distinguish, m2/s.
 
-    Below the lowest, a step at a face reaches the nearest sensor during the window with less than a hundredth of its
-    size, or with less than a reading's noise, `erfc(d / (2 sqrt(alpha t))) = max(0.01, noise / range)`: the readings
-    then show the initial profile only. Above the highest, the wall's delay behind its faces, `L^2 / (8 alpha)`, is
-    less than a hundredth of a row: the sensors read what the faces read. With fluxes alone, the wall's time constant
-    `L^2 / (pi^2 alpha)` must not be longer than the window: the heat stored at its start could explain any flux.
+    Lowest: during the window, a step at a face reaches the nearest sensor with a hundredth of its size, or with the
+    size of a reading's noise, `erfc(d / (2 sqrt(alpha t))) = max(0.01, noise / range)`. Below it the readings depend on
+    the initial profile only. With fluxes alone, the lowest is that at which the wall's time constant
+    `L^2 / (pi^2 alpha)` equals the window: below it the heat stored at the start could explain any flux.
+
+    Highest: the wall's delay behind its faces, `L^2 / (8 alpha)`, is a hundredth of the time between rows. Above it the
+    inner temperatures follow the faces at once.
 
     Source: Carslaw and Jaeger, Conduction of Heat in Solids (1959), 2.4 and 3.5.
     """
@@ -35,7 +37,7 @@ def distinguishable_range(case: Case, window: Window) -> tuple[float, float]:
     if sensors := [sensor for sensor, mask in zip(case.sensors, present.T, strict=True) if mask.any()]:
         ranges = np.maximum(np.ptp(case.record.faces[window.as_slice], axis=0), 1e-300)
         lowest = min(
-            _slowest_visible(depth, seconds, float(np.clip(sensor.noise_std / change, _MIN_SHARE, _MAX_SHARE)))
+            _lowest_detectable(depth, seconds, float(np.clip(sensor.noise_std / change, _MIN_SHARE, _MAX_SHARE)))
             for sensor in sensors
             for depth, change in zip((sensor.position, length - sensor.position), ranges, strict=True)
         )
@@ -43,7 +45,7 @@ def distinguishable_range(case: Case, window: Window) -> tuple[float, float]:
     return max(LOWEST, lowest), min(HIGHEST, highest)
 
 
-def _slowest_visible(depth: float, seconds: float, share: float) -> float:
+def _lowest_detectable(depth: float, seconds: float, share: float) -> float:
     """The diffusivity at which a step at a face reaches a depth with this share of its size, m2/s."""
     return depth**2 / (4.0 * float(scipy.special.erfcinv(share)) ** 2 * seconds)
 
@@ -59,22 +61,25 @@ def why_unreliable(
     """Why the estimate is not reliable, or an empty string.
 
     Args:
-        value, interval: m2/s. singular: singular values of the whitened Jacobian. bounds: of the search, m2/s.
+        value, interval: the estimate and its 95 % interval, m2/s.
+        singular: singular values of the whitened Jacobian.
+        converged: whether the iteration has converged.
+        bounds: of the search, m2/s.
     """
     if not np.isfinite(value) or not np.all(np.isfinite(singular)):
-        return "the model gave values that are not finite"
+        return "the model's predictions are not finite"
     if not bounds[0] * 1.001 < value < bounds[1] / 1.001:
-        return f"the estimate is at the bound of its search, {value:.3g} m2/s: the record does not determine it"
+        return f"the estimate is at a bound of the search, {value:.3g} m2/s: the record does not determine it"
     if interval[0] <= bounds[0] * 1.001 or interval[1] >= bounds[1] / 1.001:
         return (
-            f"its 95 % interval, {interval[0]:.3g} to {interval[1]:.3g} m2/s, reaches the bound of what this window "
-            "can distinguish: the temperatures vary too little for their noise"
+            f"its 95 % interval, {interval[0]:.3g} to {interval[1]:.3g} m2/s, reaches a bound of what this window "
+            "can distinguish: the temperature variations are too small for their noise"
         )
     factor = interval[1] / interval[0]
     if factor > case.choices.largest_interval_factor:
         return (
             f"its 95 % interval spans a factor of {factor:.3g}, more than {case.choices.largest_interval_factor:g}: "
-            "the temperatures vary too little for their noise"
+            "the temperature variations are too small for their noise"
         )
     if not converged:
         return "the iteration did not converge"
@@ -82,28 +87,33 @@ def why_unreliable(
 
 
 def why_too_coarse(shift: float, noise_std_log: float) -> str:
-    """Why a reduced model cannot be relied on here, or an empty string."""
+    """Why the reduced-order model is not accurate enough, or an empty string.
+
+    Args:
+        shift: of ln(alpha) by the error of the reduced-order model.
+        noise_std_log: standard error of ln(alpha) by the noise.
+    """
     if abs(shift) <= noise_std_log:
         return ""
     return (
-        f"the reduced model's own error moves the estimate by {shift:+.1%}, more than the noise does; take a "
+        f"the error of the reduced-order model shifts the estimate by {shift:+.1%}, more than the noise does; use a "
         'higher order, learning_diffusivities around the estimate, or model = "lom"'
     )
 
 
-def why_too_faint(case: Case, fit: GLSFit) -> str:
-    """Why the sensors as stated are too uncertain for the temperature changes, or an empty string.
+def why_weak_signal(case: Case, fit: GLSFit) -> str:
+    """Why the temperature variations are too small for the stated accuracy of the sensors, or an empty string.
 
-    A diffusivity larger by the largest factor `f` that an interval may span changes the readings of sensor s, beside
-    a constant, by `ln(f) ptp_t dT_s/d(ln alpha)`. Where that is less than its `offset_std` at every sensor, an offset
-    of the stated size that is not quite constant would look the same, and no interval accounts for it.
+    A diffusivity larger by the largest factor `f` that an interval may span changes the readings of sensor s, apart
+    from a constant, by `ln(f) ptp_t dT_s/d(ln alpha)`. If this is less than `offset_std` at every sensor, a small
+    change of an offset within the window would have the same effect, and the interval does not include it.
     """
     offsets = fit.indices("sensor_offset")
     if LOG_CONDUCTIVITY in fit.parameters or len(offsets) < len(case.sensors) or not fit.finite:
         return ""
-    factor, present = case.choices.largest_interval_factor, fit.shape.counts.T > 0
-    slope = fit.readings_jacobian[:, 0].reshape(present.shape)
-    ranges = [np.ptp(row[mask]) if mask.any() else 0.0 for row, mask in zip(slope, present, strict=True)]
+    factor, present = case.choices.largest_interval_factor, fit.noise_shape.counts.T > 0
+    sensitivity = fit.readings_jacobian[:, 0].reshape(present.shape)
+    ranges = [np.ptp(row[mask]) if mask.any() else 0.0 for row, mask in zip(sensitivity, present, strict=True)]
     change = math.log(factor) * np.array(ranges)
     stated = np.array([sensor.offset_std for sensor in case.sensors])
     if np.any(change >= stated):
@@ -111,31 +121,32 @@ def why_too_faint(case: Case, fit: GLSFit) -> str:
     best = int(np.argmax(change / stated))
     return (
         f"a diffusivity {factor:g} times as large would change {case.sensors[best].name} by {change[best]:.2g} K, less "
-        f"than its stated offset_std of {stated[best]:g} K: an offset that changes a little in the window would look "
-        "the same; take a window in which the faces vary more, or compare the sensors and state a smaller offset_std"
+        f"than its stated offset_std of {stated[best]:g} K: a small change of the offset in the window would have the "
+        "same effect; use a window with larger variations of the face temperatures, or compare the sensors with each "
+        "other and state a smaller offset_std"
     )
 
 
-def why_strained(case: Case, fit: GLSFit) -> str:
+def why_contradicted(case: Case, fit: GLSFit) -> str:
     """Why the readings contradict the stated accuracy of the instruments, or an empty string."""
     errors = fit.indices("sensor_offset", "sensor_position", "face_position")
     if not np.any(np.abs(fit.z[errors]) > _MAX_PRIOR_RESIDUAL):
         return ""
-    farthest = errors[int(np.argmax(np.abs(fit.z[errors])))]
-    name, ratio = fit.names[farthest], abs(float(fit.z[farthest]))
+    largest = errors[int(np.argmax(np.abs(fit.z[errors])))]
+    name, ratio = fit.names[largest], abs(float(fit.z[largest]))
     unit = fit.parameters.units[fit.parameters.index(name)]
     return (
         f"the {describe_instrument_error(name)} would be {float(fit.parameters[name]):+.3g} {unit}, {ratio:.2g} times "
-        "its stated standard deviation: the wall differs from the model, or the stated accuracy is too good; wallid "
-        "diagnose looks for what is missing"
+        "its stated standard deviation: the wall differs from the model, or the stated value is too small; run wallid "
+        "diagnose to search for missing effects"
     )
 
 
-def why_unsteady(fit: GLSFit) -> str:
+def why_not_constant(fit: GLSFit) -> str:
     """Why the diffusivity is not constant over the window, or an empty string."""
     if not fit.finite or fit.constancy_p_value >= _CONSTANCY_LEVEL:
         return ""
     return (
-        f"the readings need another diffusivity at another time of the window (p = {fit.constancy_p_value:.1g}): "
-        "an effect is missing from the model; wallid diagnose looks for it"
+        f"the diffusivity is not constant over the window (p = {fit.constancy_p_value:.1g}): an effect is missing from "
+        "the model; run wallid diagnose to search for it"
     )

@@ -1,8 +1,8 @@
-"""One function over many walls, windows or diffusivities: on one device, or on every device of every process.
+"""A function mapped over many walls, windows or diffusivities, on one device or on all devices of all processes.
 
-A sweep's items are the rows of a pytree's arrays. They go one after the other, all at once, or in chunks; with a
-`jax.sharding.Mesh` each device takes its share, in one process or in all of a `jax.distributed` job, and every process
-gets the whole answer. The numbers are the same in each way.
+The items are the rows of a pytree's arrays. They are computed one after the other, all at once, or in chunks. With a
+`jax.sharding.Mesh` each device computes its share, in one process or in all processes of a `jax.distributed` job, and
+every process receives all results. The numbers are the same in each case.
 """
 
 from __future__ import annotations
@@ -25,17 +25,19 @@ Sweep = Literal["map", "vmap"]
 
 
 def stack(items: Sequence[Any]) -> Any:
-    """Many pytrees of one shape (models, experiments) as one whose arrays have a row an item.
+    """Many pytrees of one structure (models, window data) as one pytree whose arrays have one row for each item.
 
     Raises:
-        ValueError: none, or such as differ in more than their numbers (shapes, sensors with an offset).
+        ValueError: no items, or items that differ in shapes or static fields.
     """
     if not items:
         raise ValueError("stack: no items")
     try:
         return jax.tree.map(lambda *rows: jnp.stack(rows), *items)
     except (ValueError, TypeError) as error:
-        raise ValueError(f"stack: the items differ in more than their numbers ({error})") from error
+        raise ValueError(
+            f"stack: the items must differ in their numbers only, not in shapes or static fields ({error})"
+        ) from error
 
 
 def sweep(
@@ -46,7 +48,7 @@ def sweep(
     chunk: int = 1,
     mesh: Mesh | None = None,
 ) -> PyTree:
-    """`function(item, *shared)` for every row of `items`, its answers stacked.
+    """`function(item, *shared)` for every row of `items`, the results stacked.
 
     Args:
         function: of one item and what all items share; traceable by JAX. The same object from call to call is
@@ -54,35 +56,35 @@ def sweep(
         items: a pytree of arrays that have one length along their first axis.
         shared: pytrees that are the same for all items; static parts (solvers, flags) among them are allowed.
         way: "map" takes one chunk of items after the other, "vmap" all at once.
-        chunk: how many items "map" takes at once; some tens use a CPU's vector units where one item is small.
+        chunk: number of items in a chunk of "map". Some tens are faster on a CPU where one item is small.
         mesh: devices to share the items among, along all axes of the mesh; None is the default device.
 
     Returns:
-        The answers with a first axis of the items; with a mesh each process of the job holds all of them.
+        the results, with the items along their first axis; with a mesh each process of the job holds all of them.
 
     Raises:
-        ValueError: no items, lengths that differ, an unknown way, a chunk under 1.
+        ValueError: no items, lengths that differ, another `way`, or a chunk below 1.
     """
     lengths = {np.shape(leaf)[:1] for leaf in jax.tree.leaves(items)}
     if len(lengths) != 1 or lengths == {()} or lengths == {(0,)}:
-        found = ", ".join(str(length) for length in sorted(lengths)) or "none"
-        raise ValueError(f"sweep: items must be arrays with one common first axis of one row or more; found {found}")
+        text = ", ".join(str(length) for length in sorted(lengths)) or "none"
+        raise ValueError(f"sweep: items must be arrays with one common first axis of one row or more; found {text}")
     if way not in ("map", "vmap"):
         raise ValueError(f'sweep: way = {way!r}; it must be "map" or "vmap"')
     if chunk < 1:
         raise ValueError(f"sweep: chunk = {chunk}; it must be at least 1")
     if mesh is None:
-        return _on_one(function, items, shared, way, chunk)
-    return _on_mesh(function, items, shared, way, chunk, mesh)
+        return _map_on_one_device(function, items, shared, way, chunk)
+    return _map_on_mesh(function, items, shared, way, chunk, mesh)
 
 
 @eqx.filter_jit
-def _on_one(function: Callable, items: PyTree, shared: tuple, way: Sweep, chunk: int) -> PyTree:
-    return rows(function, items, shared, way, chunk)
+def _map_on_one_device(function: Callable, items: PyTree, shared: tuple, way: Sweep, chunk: int) -> PyTree:
+    return map_rows(function, items, shared, way, chunk)
 
 
-def rows(function: Callable, items: PyTree, shared: tuple, way: Sweep, chunk: int = 1) -> PyTree:
-    """The sweep itself, for use inside a compiled function."""
+def map_rows(function: Callable, items: PyTree, shared: tuple, way: Sweep, chunk: int = 1) -> PyTree:
+    """As `sweep` on one device, for use inside a compiled function."""
     each = partial(_call, function, shared)
     if way == "vmap":
         return jax.vmap(each)(items)
@@ -90,18 +92,19 @@ def rows(function: Callable, items: PyTree, shared: tuple, way: Sweep, chunk: in
         return jax.lax.map(each, items)
     count = jax.tree.leaves(items)[0].shape[0]
     chunk = min(chunk, count)
-    whole = -(-count // chunk)
-    # whole chunks only: a rest of its own would be compiled again
-    in_chunks = jax.tree.map(lambda leaf: leaf.reshape(whole, chunk, *leaf.shape[1:]), padded(items, whole * chunk))
-    answers = jax.lax.map(jax.vmap(each), in_chunks)
-    return jax.tree.map(lambda leaf: leaf.reshape(whole * chunk, *leaf.shape[2:])[:count], answers)
+    chunks = -(-count // chunk)
+    # full chunks only: a smaller last one would be compiled again
+    filled = repeat_last(items, chunks * chunk)
+    in_chunks = jax.tree.map(lambda leaf: leaf.reshape(chunks, chunk, *leaf.shape[1:]), filled)
+    results = jax.lax.map(jax.vmap(each), in_chunks)
+    return jax.tree.map(lambda leaf: leaf.reshape(chunks * chunk, *leaf.shape[2:])[:count], results)
 
 
 def _call(function: Callable, shared: tuple, item: PyTree) -> PyTree:
     return function(item, *shared)
 
 
-def padded(items: PyTree, length: int) -> PyTree:
+def repeat_last(items: PyTree, length: int) -> PyTree:
     """The items with the last one repeated up to a length."""
     return jax.tree.map(
         lambda leaf: (
@@ -113,20 +116,20 @@ def padded(items: PyTree, length: int) -> PyTree:
     )
 
 
-def _on_mesh(function: Callable, items: PyTree, shared: tuple, way: Sweep, chunk: int, mesh: Mesh) -> PyTree:
+def _map_on_mesh(function: Callable, items: PyTree, shared: tuple, way: Sweep, chunk: int, mesh: Mesh) -> PyTree:
     count, devices = np.shape(jax.tree.leaves(items)[0])[0], mesh.size
-    by_device, everywhere = PartitionSpec(mesh.axis_names), PartitionSpec()
-    # on the host, so that each process sends its own devices what is theirs
-    whole = jax.tree.map(np.asarray, padded(items, -(-count // devices) * devices))
-    spread = jax.device_put(whole, NamedSharding(mesh, by_device))
+    by_device, replicated = PartitionSpec(mesh.axis_names), PartitionSpec()
+    # on the host, so that each process sends only the shards of its own devices
+    filled = jax.tree.map(np.asarray, repeat_last(items, -(-count // devices) * devices))
+    sharded = jax.device_put(filled, NamedSharding(mesh, by_device))
     arrays, static = eqx.partition(shared, lambda leaf: isinstance(leaf, jax.Array | np.ndarray))
-    arrays = jax.device_put(jax.tree.map(np.asarray, arrays), NamedSharding(mesh, everywhere))
-    answers = _sharded(function, spread, arrays, static, way, chunk, mesh, by_device)
-    return jax.tree.map(lambda leaf: on_device(np.asarray(leaf)[:count]), answers)
+    arrays = jax.device_put(jax.tree.map(np.asarray, arrays), NamedSharding(mesh, replicated))
+    results = _map_shards(function, sharded, arrays, static, way, chunk, mesh, by_device)
+    return jax.tree.map(lambda leaf: on_device(np.asarray(leaf)[:count]), results)
 
 
 @eqx.filter_jit
-def _sharded(
+def _map_shards(
     function: Callable,
     items: PyTree,
     arrays: PyTree,
@@ -136,11 +139,13 @@ def _sharded(
     mesh: Mesh,
     by_device: PartitionSpec,
 ) -> PyTree:
-    def share(items: PyTree, arrays: PyTree) -> PyTree:
-        own = rows(function, items, eqx.combine(arrays, static), way, chunk)
-        return jax.tree.map(lambda leaf: jax.lax.all_gather(leaf, mesh.axis_names, tiled=True), own)
+    def map_shard(items: PyTree, arrays: PyTree) -> PyTree:
+        shard = map_rows(function, items, eqx.combine(arrays, static), way, chunk)
+        return jax.tree.map(lambda leaf: jax.lax.all_gather(leaf, mesh.axis_names, tiled=True), shard)
 
-    everywhere = PartitionSpec()
-    # that a gathered answer is the same on every device is not seen by JAX's check
-    spread = jax.shard_map(share, mesh=mesh, in_specs=(by_device, everywhere), out_specs=everywhere, check_vma=False)
-    return spread(items, arrays)
+    replicated = PartitionSpec()
+    # all_gather makes the result equal on every device, which JAX's check cannot infer
+    run_shards = jax.shard_map(
+        map_shard, mesh=mesh, in_specs=(by_device, replicated), out_specs=replicated, check_vma=False
+    )
+    return run_shards(items, arrays)

@@ -1,11 +1,12 @@
 """The exact step of a linear model, as a diffrax solver.
 
-For inputs that are straight lines inside a step of length h:
+For inputs that are linear inside a step of length h:
 
     x_1 = e^z x_0 + h (phi_1 - phi_2)(z) g q_0 + h phi_2(z) g q_1,     z = h (Fo A + A0), g = Fo B + B0
 
-with `phi_1(z) = (e^z - 1)/z`, `phi_k+1(z) = (phi_k(z) - 1/k!)/z`: exact to round-off whatever h and the
-mesh. (Hochbruck and Ostermann, Acta Numerica 19, 2010, Section 2.1.)
+with `phi_1(z) = (e^z - 1)/z`, `phi_k+1(z) = (phi_k(z) - 1/k!)/z`. It is exact to round-off for every h and every mesh.
+
+Source: Hochbruck and Ostermann, Acta Numerica 19 (2010), Section 2.1.
 """
 
 from __future__ import annotations
@@ -22,38 +23,39 @@ from jaxtyping import Array, Float, PyTree
 
 from .state_space import StateSpace
 
-_SERIES_TERMS = 18  # 1/21! < 1e-19: the tail of the series below |z| = 1 is under round-off
-_MAX_SQUARINGS = 48  # expm gives NaN past it; 2^48 is more than any mesh times any step
+_SERIES_TERMS = 18  # 1/21! < 1e-19: for |z| < 1 the truncated terms are below round-off
+_MAX_SQUARINGS = 48  # expm gives NaN above it; 2^48 exceeds the norm of any practical mesh and step
 
 State = tuple[Float[Array, "*rows node"], Float[Array, "*rows node"] | None]
 
 
-def phi_functions(z: Float[Array, "*shape"], most: int = 3) -> tuple[Float[Array, "*shape"], ...]:
-    """`e^z, phi_1(z), ... phi_most(z)` elementwise, accurate to round-off for every real z <= 0.
+def phi_functions(z: Float[Array, "*shape"], highest: int = 3) -> tuple[Float[Array, "*shape"], ...]:
+    """`e^z, phi_1(z), ... phi_highest(z)` elementwise, accurate to round-off for every real z <= 0.
 
-    Below `|z| = 1` from the series of the last one downward (no cancellation), above by the recurrence.
+    For `|z| < 1` the series gives the highest function and the recurrence downward the others, without cancellation.
+    For `|z| >= 1` the recurrence is used upward.
+
     Source: Hochbruck and Ostermann (2010), Section 2.1.
     """
     small = jnp.abs(z) < 1.0
     z_small = jnp.where(small, z, 0.0)
-    last = jnp.zeros_like(z)
+    series = jnp.zeros_like(z)
     for k in reversed(range(_SERIES_TERMS)):
-        last = 1.0 / math.factorial(most + k) + z_small * last
-    near = [last]
-    for k in reversed(range(1, most)):
-        near.insert(0, 1.0 / math.factorial(k) + z_small * near[0])
+        series = 1.0 / math.factorial(highest + k) + z_small * series
+    downward = [series]
+    for k in reversed(range(1, highest)):
+        downward.insert(0, 1.0 / math.factorial(k) + z_small * downward[0])
     z_large = jnp.where(small, 1.0, z)
-    far = [jnp.expm1(z_large) / z_large]
-    for k in range(1, most):
-        far.append((far[-1] - 1.0 / math.factorial(k)) / z_large)
-    return jnp.exp(z), *(jnp.where(small, *pair) for pair in zip(near, far, strict=True))
+    upward = [jnp.expm1(z_large) / z_large]
+    for k in range(1, highest):
+        upward.append((upward[-1] - 1.0 / math.factorial(k)) / z_large)
+    return jnp.exp(z), *(jnp.where(small, *pair) for pair in zip(downward, upward, strict=True))
 
 
 class StepMap(eqx.Module):
     """One exact step: `x_1 = E x_0 + W0 q_0 + W1 q_1`, and its derivative by Fo.
 
-    `theta_1 = E theta_0 + E_theta x_0 + V0 q_0 + V1 q_1`. For a diagonal model `E` and `E_theta`
-    are vectors.
+    `theta_1 = E theta_0 + E_theta x_0 + V0 q_0 + V1 q_1`. For a diagonal model `E` and `E_theta` are vectors.
     """
 
     E: Array
@@ -63,39 +65,38 @@ class StepMap(eqx.Module):
     V0: Array | None = None
     V1: Array | None = None
 
-    def drive(self, q0: Float[Array, "*rows input"], q1: Float[Array, "*rows input"]) -> State:
-        """What the inputs at the two ends of steps add to x and theta."""
-        x = times(self.W0, q0) + times(self.W1, q1)
+    def input_terms(self, q0: Float[Array, "*rows input"], q1: Float[Array, "*rows input"]) -> State:
+        """`W0 q_0 + W1 q_1` and `V0 q_0 + V1 q_1`, for many steps at once."""
+        x = thin_product(self.W0, q0) + thin_product(self.W1, q1)
         if self.V0 is None or self.V1 is None:
             return x, None
-        return x, times(self.V0, q0) + times(self.V1, q1)
+        return x, thin_product(self.V0, q0) + thin_product(self.V1, q1)
 
-    def move(self, state: State, drive: State) -> State:
-        """The state a step later, with what the inputs add."""
+    def next_state(self, state: State, input_terms: State) -> State:
+        """The state one step later; `input_terms` as the method of that name gives them."""
         x, theta = state
-        # of one node a product is the same
+        # for one node the elementwise product is the matrix product
         step = jnp.matmul if self.E.ndim == 2 and self.E.shape[0] == self.E.shape[1] else jnp.multiply
-        x1 = step(self.E, x) + drive[0]
-        if theta is None or self.E_theta is None or drive[1] is None:
+        x1 = step(self.E, x) + input_terms[0]
+        if theta is None or self.E_theta is None or input_terms[1] is None:
             return x1, None
-        return x1, step(self.E, theta) + step(self.E_theta, x) + drive[1]
+        return x1, step(self.E, theta) + step(self.E_theta, x) + input_terms[1]
 
     def advance(self, state: State, q0: Float[Array, "*rows input"], q1: Float[Array, "*rows input"]) -> State:
-        """The state a step later; `q0`, `q1` are the inputs at the step's two ends."""
-        return self.move(state, self.drive(q0, q1))
+        """The state one step later, with the inputs `q0` at the start and `q1` at the end of the step."""
+        return self.next_state(state, self.input_terms(q0, q1))
 
 
-def times(matrix: Float[Array, "out few"], q: Float[Array, "*rows few"]) -> Float[Array, "*rows out"]:
-    """`matrix q` of many rows of few entries, as a sum: cheaper than products of thin matrices."""
+def thin_product(matrix: Float[Array, "out few"], q: Float[Array, "*rows few"]) -> Float[Array, "*rows out"]:
+    """`matrix q` for each row q, as a sum over the few columns: faster than a product of thin matrices."""
     return sum((q[..., k, None] * matrix[:, k] for k in range(1, matrix.shape[1])), q[..., :1] * matrix[:, 0])
 
 
 def step_map(system: StateSpace, fourier: Float[Array, ""], step: Float[Array, ""], *, sensitivity: bool) -> StepMap:
-    """The exact step of length `step` (in t_ref) for inputs that are straight lines inside it.
+    """The exact step of length `step` (in t_ref) for inputs that are linear inside it.
 
-    A diagonal model takes the phi-functions of its poles; any other a dense exponential, after
-    scaling with the square roots of its capacities where it has them (an unsymmetric exponential
-    loses digits).
+    For a diagonal model by the phi functions of its poles, for any other by a dense matrix exponential. Where the model
+    has capacities, their square roots scale it first to a symmetric matrix, whose exponential is more accurate.
     """
     if system.is_diagonal:
         return _modal_step(system, fourier, step, sensitivity)
@@ -118,7 +119,7 @@ def _modal_step(system: StateSpace, fourier: Array, h: Array, sensitivity: bool)
 
 
 def _dense_step(system: StateSpace, fourier: Array, h: Array, sensitivity: bool) -> StepMap:
-    """By the exponential of the model with its inputs' value and slope as two more states.
+    """The exact step by a matrix exponential, with the value and the slope of each input as further states.
 
     Source: Van Loan, IEEE Trans. Autom. Control 23 (1978), 395.
     """
@@ -143,19 +144,20 @@ def _dense_step(system: StateSpace, fourier: Array, h: Array, sensitivity: bool)
     value, slope = full[:, states : states + m], full[:, states + m :]
     W0, W1 = value - slope, slope
 
-    def back(block: Array) -> Array:
+    def unscaled(block: Array) -> Array:
         return block / root[:, None]
 
-    E = back(full[:n, :n]) * root
+    E = unscaled(full[:n, :n]) * root
     if not sensitivity:
-        return StepMap(E, back(W0), back(W1))
-    return StepMap(E, back(W0[:n]), back(W1[:n]), back(full[n:, :n]) * root, back(W0[n:]), back(W1[n:]))
+        return StepMap(E, unscaled(W0), unscaled(W1))
+    E_theta = unscaled(full[n:, :n]) * root
+    return StepMap(E, unscaled(W0[:n]), unscaled(W1[:n]), E_theta, unscaled(W0[n:]), unscaled(W1[n:]))
 
 
-class Flow(eqx.Module):
-    """The right-hand side of a model under given inputs, as a diffrax vector field.
+class ModelVectorField(eqx.Module):
+    """The rates of a model with its inputs, as a diffrax vector field.
 
-    The state is `(x, theta)`, `theta` None without the sensitivity.
+    The state is `(x, x_theta)`; `x_theta` is None without the sensitivity.
     """
 
     system: StateSpace
@@ -190,45 +192,45 @@ def outputs(system: StateSpace, state: State, q: Float[Array, " input"]) -> tupl
 class Exponential(diffrax.AbstractSolver):
     """The exact step for a `Flow`, as a diffrax solver.
 
-    Exact where no row of the inputs lies inside a step (`simulate.ToRows`, or
-    `ClipStepSizeController`). The maps are kept from step to step and made anew only where the
-    step's length changes. It gives no error estimate, so it takes no adaptive controller.
+    It is exact where the inputs are linear inside each step, so every row must be the end of a step (`StepToRows`, or
+    `diffrax.ClipStepSizeController`). The step map is computed again only where the length of the step changes. There
+    is no error estimate, so an adaptive controller cannot be used.
     """
 
     term_structure: ClassVar = diffrax.ODETerm
     interpolation_cls: ClassVar[Callable[..., diffrax.LocalLinearInterpolation]] = diffrax.LocalLinearInterpolation
 
     def order(self, terms: PyTree) -> int | None:
-        """None: there is no error in the step's length to have an order."""
+        """None: the step has no truncation error."""
         return None
 
     def init(self, terms, t0, t1, y0, args):
-        """The exact step of the first step's length."""
-        flow = _flow_of(terms)
+        """The length of the first step and its map."""
+        field = _vector_field_of(terms)
         h = jnp.asarray(t1 - t0)
-        return h, step_map(flow.system, flow.fourier, h, sensitivity=y0[1] is not None)
+        return h, step_map(field.system, field.fourier, h, sensitivity=y0[1] is not None)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         """One exact step from t0 to t1."""
-        flow = _flow_of(terms)
-        length, kept = solver_state
+        field = _vector_field_of(terms)
+        length, previous = solver_state
         h = jnp.asarray(t1 - t0)
-        # times such as 3 * 0.1 carry round-off; a step is the same within it
+        # the times have round-off, so equal steps differ by that much
         same = jnp.abs(h - length) <= 8 * jnp.finfo(h).eps * jnp.maximum(jnp.abs(t1), h)
         step = jax.lax.cond(
             same,
-            lambda: kept,
-            lambda: step_map(flow.system, flow.fourier, h, sensitivity=y0[1] is not None),
+            lambda: previous,
+            lambda: step_map(field.system, field.fourier, h, sensitivity=y0[1] is not None),
         )
-        y1 = step.advance(y0, flow.inputs.evaluate(t0), flow.inputs.evaluate(t1))
+        y1 = step.advance(y0, field.inputs.evaluate(t0), field.inputs.evaluate(t1))
         state = (jnp.where(same, length, h), step)
         return y1, None, {"y0": y0, "y1": y1}, state, diffrax.RESULTS.successful
 
     def func(self, terms, t0, y0, args):
-        """The rate, for diffrax's own use."""
+        """The rate, which diffrax needs for its own use."""
         return terms.vf(t0, y0, args)
 
 
-def _flow_of(terms: PyTree) -> Flow:
-    """The flow inside diffrax's own wrapping of a term (which turns time round, never used here)."""
+def _vector_field_of(terms: PyTree) -> ModelVectorField:
+    """The vector field of a term, which diffrax may wrap in a term for the direction of time."""
     return getattr(terms, "term", terms).vector_field

@@ -13,17 +13,13 @@ from ..case.initial_profile import PROFILE_MODES
 from ..case.time_window import Window, entire_record
 from ..case.wall_and_sensors import SIDES
 from .finite_volume_wall import Output
-from .window_inputs import WindowData
-
-
-def conductance_of(case: Case) -> float:
-    """k / L by which a design takes fluxes, W/m2/K."""
-    return first_conductivity(case, entire_record(case)) / case.wall.length
-
+from .state_space import StateSpace
+from .wall_parameters import free_wall_parameters, model_at
+from .window_inputs import WindowData, full_order_model
 
 FLUX_NOISE_STD = 1.0  # W/m2
 FLUX_GAIN_STD = 0.05  # as ISO 9869-1 expects of a calibrated plate
-_FADED = 0.01  # of a wave of the initial profile that is gone
+_DECAYED = 0.01  # of a mode's initial amplitude
 
 
 def fluxes_of(case: Case) -> tuple[str, ...]:
@@ -32,19 +28,19 @@ def fluxes_of(case: Case) -> tuple[str, ...]:
 
 
 def flux_noise_std(case: Case) -> float:
-    """Of each flux reading, W/m2; `FLUX_NOISE_STD` where the case does not state it."""
+    """Standard deviation of each flux reading, W/m2; `FLUX_NOISE_STD` where the case does not state it."""
     stated = case.record.flux_noise_std
     return FLUX_NOISE_STD if stated is None else stated
 
 
 def flux_gain_std(case: Case) -> float:
-    """Of each plate's calibration, 1; `FLUX_GAIN_STD` where the case does not state it."""
+    """Standard deviation of each plate's relative calibration error; `FLUX_GAIN_STD` where it is not stated."""
     stated = case.record.flux_gain_std
     return FLUX_GAIN_STD if stated is None else stated
 
 
-def first_conductivity(case: Case, window: Window) -> float:
-    """Where to begin, W/m/K: what the case states, else mean fluxes over the mean drop of temperature, else 1."""
+def initial_conductivity(case: Case, window: Window) -> float:
+    """A first value, W/m/K: as stated, else mean flux times length over the mean temperature difference, else 1."""
     if case.wall.effective_conductivity is not None:
         return case.wall.effective_conductivity
     part = case.record.window(window.row, window.rows)
@@ -55,41 +51,67 @@ def first_conductivity(case: Case, window: Window) -> float:
     return float(np.clip(found, 1e-3, 1e3)) if math.isfinite(found) and found > 0 else 1.0
 
 
-def untold_rows(case: Case, rows: int, step: float) -> int:
-    """How many rows of a window, `step` s apart, plates do not tell of: at least one, and no more than a tenth.
+def wall_conductance(case: Case) -> float:
+    """k / L, by which a design scales fluxes, W/m2/K."""
+    return initial_conductivity(case, entire_record(case)) / case.wall.length
 
-    Until the initial profile's waves that are shorter than its free modes have faded (at the prior diffusivity, to a
-    hundredth): a face's flux feels them more than any sensor inside.
+
+def uninformative_rows(case: Case, rows: int, step: float) -> int:
+    """The number of rows at a window's start whose fluxes are not used: at least one, at most a tenth.
+
+    The flux at a face is sensitive to modes of the initial profile that are faster than the estimated ones. These rows
+    last until such modes have decayed to a hundredth at the prior diffusivity. `step` is in s.
     """
-    fade = math.log(1.0 / _FADED) * case.wall.length**2 / ((PROFILE_MODES + 1) * math.pi) ** 2
-    return int(np.clip(np.ceil(fade / case.wall.diffusivity_prior / step), 1, max(1, rows // 10)))
+    decay_time = math.log(1.0 / _DECAYED) * case.wall.length**2 / ((PROFILE_MODES + 1) * math.pi) ** 2
+    return int(np.clip(np.ceil(decay_time / case.wall.diffusivity_prior / step), 1, max(1, rows // 10)))
 
 
 def flux_readings(case: Case, window: Window) -> np.ndarray:
-    """The plates' readings in a window, W/m2, NaN where there is none or it is not used, `(time, flux)`."""
-    read = [case.record.regressors[f"flux_{face}"][window.as_slice] for face in fluxes_of(case)]
-    flux = np.stack(read, axis=1) if read else np.zeros((window.rows, 0))
-    untold = np.arange(window.rows) < untold_rows(case, window.rows, case.record.step)
-    return np.where(untold[:, None], np.nan, flux)
+    """The plates' readings in a window, W/m2, NaN where missing or not used, `(time, flux)`."""
+    readings = [case.record.regressors[f"flux_{face}"][window.as_slice] for face in fluxes_of(case)]
+    flux = np.stack(readings, axis=1) if readings else np.zeros((window.rows, 0))
+    unused = np.arange(window.rows) < uninformative_rows(case, window.rows, case.record.step)
+    return np.where(unused[:, None], np.nan, flux)
 
 
 def with_flux(case: Case, window: Window, data: WindowData) -> WindowData:
-    """The experiment with the plates' readings after the sensors', W/m2, their first rows left out (`untold_rows`)."""
+    """The window's data with the plates' readings after the sensors', W/m2, without the uninformative first rows."""
     plates = fluxes_of(case)
-    if not plates or data.observed.shape[1] > len(case.sensors):  # none, or they are there
+    if not plates or data.observed.shape[1] > len(case.sensors):  # no plates, or they are included already
         return data
-    return plates_beside(data, flux_readings(case, window), flux_noise_std(case))
+    return append_flux_readings(data, flux_readings(case, window), flux_noise_std(case))
 
 
-def plates_beside(data: WindowData, flux: np.ndarray, noise_std: float) -> WindowData:
-    """The experiment with fluxes after the sensors' readings, weighted by their noise; none where one is NaN."""
-    there = np.isfinite(flux)
-    observed = np.concatenate([np.asarray(data.observed), np.where(there, flux, 0.0)], axis=1)
-    weight = np.concatenate([np.asarray(data.weight), there / noise_std], axis=1)
+def append_flux_readings(data: WindowData, flux: np.ndarray, noise_std: float) -> WindowData:
+    """The window's data with fluxes after the sensors' readings, weighted by their noise; NaN is a missing reading."""
+    present = np.isfinite(flux)
+    observed = np.concatenate([np.asarray(data.observed), np.where(present, flux, 0.0)], axis=1)
+    weight = np.concatenate([np.asarray(data.weight), present / noise_std], axis=1)
     return eqx.tree_at(lambda d: (d.observed, d.weight), data, (on_device(observed), on_device(weight)))
 
 
 def plate_outputs(case: Case) -> list[Output]:
-    """What a model gives out for the case's plates."""
-    places = {"left": 0.0, "right": case.wall.length}
-    return [Output(places[face], "flux", f"flux_{face}") for face in fluxes_of(case)]
+    """The model outputs for the case's plates."""
+    positions = {"left": 0.0, "right": case.wall.length}
+    return [Output(positions[face], "flux", f"flux_{face}") for face in fluxes_of(case)]
+
+
+def full_order_model_with_plates(
+    case: Case, wall_parameters: np.ndarray | None = None, *, gradients: bool = False
+) -> StateSpace:
+    """The full-order model of a case whose outputs are the sensors, then the flux plates.
+
+    Args:
+        case: the case.
+        wall_parameters: values of the case's free wall parameters, in prior standard deviations; None for zeros.
+        gradients: whether the temperature gradients at the sensors follow as further outputs.
+
+    Returns:
+        a state space with a diagonal A.
+    """
+    extra = [*plate_outputs(case), *(Output(sensor.position, "gradient") for sensor in case.sensors if gradients)]
+    names = free_wall_parameters(case)
+    if not names:
+        return full_order_model(case, extra)
+    sensors = [Output(sensor.position, name=sensor.name) for sensor in case.sensors]
+    return model_at(case, names, np.zeros(len(names)) if wall_parameters is None else wall_parameters, sensors + extra)

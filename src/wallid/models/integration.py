@@ -1,6 +1,6 @@
-"""Integration in time: one `simulate` through diffrax, and the same exact step on uniform records.
+"""Integration of a state space in time: `simulate` by diffrax, and `propagate`, the same exact step on uniform rows.
 
-The inputs are straight lines between their rows; the default solver takes one exact step a row.
+The inputs are linear between rows. The default solver takes one exact step per row.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, ScalarLike
 
 from .._internal.arrays import on_device
-from .exponential_solver import Exponential, Flow, State, outputs, step_map
-from .recurrence.blocks import in_blocks
+from .exponential_solver import Exponential, ModelVectorField, State, outputs, step_map
+from .recurrence.blocks import run_in_blocks
 from .recurrence.row_by_row import run_row_by_row
-from .recurrence.single_kernel import is_small, run_in_one_kernel
+from .recurrence.single_kernel import fits_single_kernel, run_in_one_kernel
 from .state_space import StateSpace
 
-_STRETCH = 4096  # rows, whole blocks of them
+_SEGMENT_ROWS = 4096  # a multiple of every block length of `run_in_blocks`
 _FLOAT = np.dtype(float)
 
 ArrayLike = Array | np.ndarray
@@ -31,18 +31,19 @@ ArrayLike = Array | np.ndarray
 Outputs = Float[Array, "time output"]
 
 
-class ToRows(diffrax.StepTo):
-    """diffrax's steps from row to row, for times that are known to increase from t0 to t1.
+class StepToRows(diffrax.StepTo):
+    """Steps from row to row, for times that are known to increase from t0 to t1.
 
-    diffrax's own checks of that call back into Python, and JAX's compilation cache keeps no program that does.
+    `diffrax.StepTo` checks the times by a callback into Python. JAX does not store a program with a callback in its
+    compilation cache.
     """
 
     def wrap(self, direction):
-        """The times as they are when time is turned round."""
+        """The same times for an integration in the direction 1 or -1."""
         return type(self)(ts=self.ts * direction)
 
     def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
-        """The first step's end."""
+        """The end of the first step."""
         return self.ts[1], 2
 
 
@@ -60,36 +61,39 @@ def simulate(
     adjoint: diffrax.AbstractAdjoint = diffrax.ForwardMode(),  # noqa: B008 (immutable)
     max_steps: int | None = None,
 ) -> tuple[Outputs, Outputs | None]:
-    """The outputs of a model under inputs that are straight lines between rows, by diffrax.
+    """The outputs of a model under inputs that are linear between rows, by diffrax.
+
+        x' = (Fo A + A0) x + (Fo B + B0) q,   u = C x + D q,   x(0) = P a
 
     Args:
-        fourier: Fo = t_ref alpha / L^2.
-        time: the rows' times in t_ref, strictly increasing, any steps.
-        inputs: the inputs at the rows.
-        initial: the coefficients `a` of the initial profile.
+        system: a full-order or reduced-order model.
+        fourier: Fo = t_ref alpha / L^2, 1.
+        time: the rows' times in t_ref, `(time,)`, strictly increasing; the steps may differ.
+        inputs: the inputs `q` at the rows, `(time, input)`, 1.
+        initial: the coefficients `a` of the initial profile, `(param,)`, 1.
         sensitivity: also integrate theta = du/dFo by its explicit system.
-        solver: `Exponential()` (exact), `diffrax.Heun()` or `Midpoint()` (the paper's; stable for
-            steps under `2 / (Fo |lambda|_max)`, see `stable_substeps`), or an implicit one.
-        controller: None for `substeps` equal steps between rows; an adaptive controller is clipped
-            to the rows.
-        adjoint: `ForwardMode()` for forward derivatives, diffrax's others for reverse ones.
+        solver: `Exponential()` (exact), `diffrax.Heun()` or `diffrax.Midpoint()` (the paper's; stable for steps up to
+            `2 / (Fo |lambda|_max)`, see `stable_substeps`), or an implicit one.
+        controller: None for `substeps` equal steps between rows. An adaptive controller also steps to every row.
+        substeps: number of equal steps between rows.
+        adjoint: `ForwardMode()` for forward-mode derivatives, diffrax's other ones for reverse mode.
         max_steps: for an adaptive controller; None takes 64 steps per row, at least 4096.
 
     Returns:
-        `u` and `theta` at the rows (`theta` is None without `sensitivity`). A solve that fails
-        gives NaN or infinite values, so a sweep goes on.
+        `u` and `theta` at the rows, `(time, output)`; `theta` is None without `sensitivity`. A solve that fails gives
+        NaN or infinite values and raises no error, so a sweep continues.
 
     Raises:
         ValueError: shapes that do not fit the model; times that do not increase (inside a compiled function they
             give NaN); `Exponential` with an adaptive controller.
     """
-    # as arrays, or each new number would be compiled anew
-    fourier, time, inputs, initial = (_as_array(given) for given in (fourier, time, inputs, initial))
+    # arrays, because JAX would compile the program again for each new Python number
+    fourier, time, inputs, initial = (_as_array(value) for value in (fourier, time, inputs, initial))
     _check_shapes(system, inputs, initial)
     if time.shape != inputs.shape[:1]:
         raise ValueError(f"simulate: {time.shape[0]} times for {inputs.shape[0]} rows of inputs")
     if controller is not None and isinstance(solver, Exponential):
-        raise ValueError("simulate: the exact solver has no error to control; leave `controller` out")
+        raise ValueError("simulate: the exact solver gives no error estimate; omit `controller`")
     if not isinstance(time, Tracer) and not np.all(np.diff(time) > 0):
         raise ValueError("simulate: the times must increase from row to row")
     return _simulate(
@@ -111,22 +115,22 @@ def _simulate(
     adjoint: diffrax.AbstractAdjoint,
     max_steps: int | None,
 ) -> tuple[Outputs, Outputs | None]:
-    flow = Flow(system, fourier, diffrax.LinearInterpolation(time, inputs))
+    field = ModelVectorField(system, fourier, diffrax.LinearInterpolation(time, inputs))
     steps_controller: diffrax.AbstractStepSizeController
     if controller is None:
         fractions = jnp.arange(substeps) / substeps
-        fine = (time[:-1, None] + jnp.diff(time)[:, None] * fractions).reshape(-1)
-        fine = jnp.concatenate([fine, time[-1:]])
-        steps_controller = ToRows(ts=fine)
-        steps = fine.shape[0] - 1
-        saveat = diffrax.SaveAt(t0=True, steps=True, fn=flow.output)
+        step_times = (time[:-1, None] + jnp.diff(time)[:, None] * fractions).reshape(-1)
+        step_times = jnp.concatenate([step_times, time[-1:]])
+        steps_controller = StepToRows(ts=step_times)
+        steps = step_times.shape[0] - 1
+        saveat = diffrax.SaveAt(t0=True, steps=True, fn=field.output)
     else:
         steps_controller = diffrax.ClipStepSizeController(controller, step_ts=time)
         steps = max(4096, 64 * time.shape[0]) if max_steps is None else max_steps
         substeps = 1
-        saveat = diffrax.SaveAt(ts=time, fn=flow.output)
+        saveat = diffrax.SaveAt(ts=time, fn=field.output)
     solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(flow),
+        diffrax.ODETerm(field),
         solver,
         t0=time[0],
         t1=time[-1],
@@ -151,22 +155,34 @@ def propagate(
     *,
     sensitivity: bool = False,
 ) -> tuple[Outputs, Outputs | None]:
-    """The same numbers as `simulate` with the exact solver, for rows `step` (in t_ref) apart.
+    """The outputs of a model on uniform rows, equal to those of `simulate` with the exact solver.
 
-    The exact step is made once; the states of a stretch of rows are kept at a time, so memory does
-    not grow with nodes times rows.
+    The exact step is computed once. The rows are processed in segments, and only the states of one segment are stored.
 
-    Arguments, Returns, Raises: as in `simulate`.
+    Args:
+        system: a full-order or reduced-order model.
+        fourier: Fo = t_ref alpha / L^2, 1.
+        step: time between rows, in t_ref.
+        inputs: the inputs `q` at the rows, `(time, input)`, 1.
+        initial: the coefficients `a` of the initial profile, `(param,)`, 1.
+        sensitivity: also compute theta = du/dFo.
+
+    Returns:
+        `u` and `theta` at the rows, `(time, output)`; `theta` is None without `sensitivity`.
+
+    Raises:
+        TypeError: `system` is not a `StateSpace`.
+        ValueError: shapes that do not fit the model.
     """
     if not isinstance(system, StateSpace):
         raise TypeError(
-            f"propagate: a StateSpace is wanted, not a {type(system).__name__}; of what was learned, `.system`"
+            f"propagate: `system` must be a StateSpace, not a {type(system).__name__}; pass `.system` of a LearnedModel"
         )
     arrays = _as_array(fourier), _as_array(step), _as_array(inputs), _as_array(initial)
     return _propagate(system, *arrays, sensitivity)
 
 
-@partial(jax.jit, static_argnames="sensitivity")  # filter_jit's own time counts where a run takes 0.1 ms
+@partial(jax.jit, static_argnames="sensitivity")  # eqx.filter_jit adds a large part of a run of 0.1 ms
 def _propagate(
     system: StateSpace,
     fourier: Array,
@@ -178,24 +194,24 @@ def _propagate(
     _check_shapes(system, inputs, initial)
     exact = step_map(system, fourier, step, sensitivity=sensitivity)
     start = _initial_state(system, initial, sensitivity)
-    if is_small(system):
+    if fits_single_kernel(system):
         return run_in_one_kernel(system, exact, start, inputs)
-    pass_through = partial(in_blocks if system.is_diagonal else run_row_by_row, system, exact)
+    run_segment = partial(run_in_blocks if system.is_diagonal else run_row_by_row, system, exact)
     parts = [jax.tree.map(lambda row: row[None], outputs(system, start, inputs[0]))]
-    whole = (inputs.shape[0] - 1) // _STRETCH * _STRETCH
-    if whole:
-        # a stretch needs the last row before it
-        before = inputs[:whole].reshape(-1, _STRETCH, inputs.shape[1])
-        in_stretches = jnp.concatenate([before, inputs[_STRETCH : whole + 1 : _STRETCH, None]], axis=1)
-        start, long = jax.lax.scan(pass_through, start, in_stretches)
-        parts.append(jax.tree.map(lambda rows: rows.reshape(-1, rows.shape[-1]), long))
-    if inputs.shape[0] - 1 > whole:
-        parts.append(pass_through(start, inputs[whole:])[1])
+    full_rows = (inputs.shape[0] - 1) // _SEGMENT_ROWS * _SEGMENT_ROWS
+    if full_rows:
+        # neighbouring segments share a row
+        segments = inputs[:full_rows].reshape(-1, _SEGMENT_ROWS, inputs.shape[1])
+        segments = jnp.concatenate([segments, inputs[_SEGMENT_ROWS : full_rows + 1 : _SEGMENT_ROWS, None]], axis=1)
+        start, by_segment = jax.lax.scan(run_segment, start, segments)
+        parts.append(jax.tree.map(lambda rows: rows.reshape(-1, rows.shape[-1]), by_segment))
+    if inputs.shape[0] - 1 > full_rows:
+        parts.append(run_segment(start, inputs[full_rows:])[1])
     return jax.tree.map(lambda *rows: jnp.concatenate(rows), *parts)
 
 
 Integrator = Literal["propagator", "diffrax"]
-"""How uniform rows are stepped through: the fast scan, or `diffrax.diffeqsolve`; the same exact step."""
+"""The implementation of the exact step on uniform rows: `propagate`, or `diffrax.diffeqsolve`."""
 
 
 def run_rows(
@@ -208,7 +224,7 @@ def run_rows(
     sensitivity: bool = False,
     integrator: Integrator = "propagator",
 ) -> tuple[Outputs, Outputs | None]:
-    """`propagate`, or `simulate` with the exact solver, on rows `step` (in t_ref) apart: a part of a larger program."""
+    """The outputs on uniform rows, `step` in t_ref, by `propagate` or by `simulate` with the exact solver."""
     if integrator == "propagator":
         return propagate(system, fourier, step, inputs, initial, sensitivity=sensitivity)
     time = jnp.asarray(step) * jnp.arange(inputs.shape[0])
@@ -216,18 +232,26 @@ def run_rows(
 
 
 def stable_substeps(system: StateSpace, fourier: float, step: float) -> int:
-    """How many steps of Heun's or the midpoint method a step of `step` (in t_ref) needs to be stable.
+    """The number of stable steps of Heun's or the midpoint method between two rows.
 
-    Both are stable for `h |lambda| <= 2`; `|lambda|` is bounded by Gershgorin's circles.
+    Both are stable for `h Fo |lambda| <= 2`. Gershgorin's circles bound `|lambda|`.
+
+    Args:
+        system: a full-order or reduced-order model.
+        fourier: Fo = t_ref alpha / L^2, 1.
+        step: time between rows, in t_ref.
+
+    Returns:
+        `substeps` for `simulate`, at least 1.
     """
     bound = jnp.max(jnp.abs(system.A) if system.is_diagonal else jnp.sum(jnp.abs(system.A), axis=1))
     return max(1, int(jnp.ceil(fourier * bound * step / 2.0)))
 
 
-def _as_array(given: ScalarLike | ArrayLike) -> Array:
-    """In float64; what is that already is left alone, which a call of 0.1 ms feels."""
-    # `==`: once a process has read a pickle, its arrays may have a float64 that is not this one
-    return given if isinstance(given, jax.Array) and given.dtype == _FLOAT else jnp.asarray(on_device(given), float)
+def _as_array(value: ScalarLike | ArrayLike) -> Array:
+    """The value as a float64 array; no conversion where it is one already, which saves time in a run of 0.1 ms."""
+    # `==`, not `is`: an array from a pickle may have another dtype object for float64
+    return value if isinstance(value, jax.Array) and value.dtype == _FLOAT else jnp.asarray(on_device(value), float)
 
 
 def _initial_state(system: StateSpace, initial: Float[Array, " param"], sensitivity: bool) -> State:
@@ -238,9 +262,11 @@ def _initial_state(system: StateSpace, initial: Float[Array, " param"], sensitiv
 def _check_shapes(system: StateSpace, inputs: Array, initial: Array) -> None:
     if inputs.ndim != 2 or inputs.shape[1] != system.B.shape[1]:
         raise ValueError(
-            f"inputs: shape {inputs.shape}; this model wants (time, {system.B.shape[1]}), one column an input"
+            f"inputs: shape {inputs.shape}; it must be (time, {system.B.shape[1]}), one column for each input"
         )
     if inputs.shape[0] < 2:
         raise ValueError("inputs: at least two rows are needed")
     if initial.shape != (system.P.shape[1],):
-        raise ValueError(f"initial: shape {initial.shape}; this model's profile has {system.P.shape[1]} coefficients")
+        raise ValueError(
+            f"initial: shape {initial.shape}; the model's initial profile has {system.P.shape[1]} coefficients"
+        )

@@ -1,8 +1,8 @@
-"""The sensitivity theta = du/dFo two ways: the explicit theta system, and forward-mode autodiff.
+"""The sensitivity theta = du/dFo of a model: by its explicit system, and by forward-mode automatic differentiation.
 
-`explicit` integrates `theta' = Fo A theta + A u + B q` beside the field; `autodiff` differentiates
-the field's own integration. They agree to round-off, for large and reduced models; a reduced model
-with a free H_theta has only the explicit one as its learned sensitivity.
+`explicit` integrates `x_theta' = Fo A x_theta + A x + B q` together with the field; `autodiff` differentiates the
+integration of the field. They agree to round-off, except for a reduced-order model with an H_theta of its own, whose
+learned sensitivity is the explicit one.
 """
 
 from __future__ import annotations
@@ -20,48 +20,48 @@ from .state_space import StateSpace
 from .window_inputs import WindowData
 
 
-def run(
+def simulate_window(
     system: StateSpace,
     fourier: ScalarLike,
-    experiment: WindowData,
+    data: WindowData,
     *,
     sensitivity: bool = False,
     integrator: Integrator = "propagator",
 ) -> tuple[Outputs, Outputs | None]:
-    """u and theta at the rows of an experiment."""
-    given = system, fourier, experiment.step, experiment.inputs, experiment.initial
-    return run_rows(*given, sensitivity=sensitivity, integrator=integrator)
+    """u and theta at the rows of a window; theta is None without `sensitivity`."""
+    inputs = data.step, data.inputs, data.initial
+    return run_rows(system, fourier, *inputs, sensitivity=sensitivity, integrator=integrator)
 
 
 def profile_response(
     system: StateSpace,
     fourier: ScalarLike,
-    experiment: WindowData,
+    data: WindowData,
     initial: Float[Array, " param"],
     *,
     integrator: Integrator = "propagator",
 ) -> Outputs:
-    """What an addition to the initial profile alone makes of u: the faces add nothing."""
-    still = eqx.tree_at(lambda data: data.inputs, experiment, jnp.zeros_like(experiment.inputs))
-    return run(system, fourier, still.starting_from(initial), integrator=integrator)[0]
+    """The response of u to a change of the initial profile alone, with constant zero inputs."""
+    no_inputs = eqx.tree_at(lambda data: data.inputs, data, jnp.zeros_like(data.inputs))
+    return simulate_window(system, fourier, no_inputs.starting_from(initial), integrator=integrator)[0]
 
 
 def explicit(
-    system: StateSpace, fourier: ScalarLike, experiment: WindowData, *, integrator: Integrator = "propagator"
+    system: StateSpace, fourier: ScalarLike, data: WindowData, *, integrator: Integrator = "propagator"
 ) -> tuple[Outputs, Outputs]:
     """u and theta by the explicit theta system."""
-    u, theta = run(system, fourier, experiment, sensitivity=True, integrator=integrator)
+    u, theta = simulate_window(system, fourier, data, sensitivity=True, integrator=integrator)
     assert theta is not None
     return u, theta
 
 
 def autodiff(
-    system: StateSpace, fourier: ScalarLike, experiment: WindowData, *, integrator: Integrator = "propagator"
+    system: StateSpace, fourier: ScalarLike, data: WindowData, *, integrator: Integrator = "propagator"
 ) -> tuple[Outputs, Outputs]:
     """u and theta by forward-mode differentiation of u."""
     fourier = jnp.asarray(fourier, dtype=float)
     return jax.jvp(
-        lambda fo: run(system, fo, experiment, integrator=integrator)[0], (fourier,), (jnp.ones_like(fourier),)
+        lambda fo: simulate_window(system, fo, data, integrator=integrator)[0], (fourier,), (jnp.ones_like(fourier),)
     )
 
 
@@ -98,23 +98,23 @@ def field_with_theta(
     fourier: Float[Array, ""],
     initial: Float[Array, " param"],
     system: StateSpace,
-    experiment: WindowData,
+    data: WindowData,
     integrator: Integrator,
 ) -> Outputs:
     """u from an initial profile; its derivative by Fo is the explicit theta.
 
-    For solvers that ask autodiff for a Jacobian. In the initial profile u is linear.
+    For solvers that take a Jacobian by autodiff. u is linear in the initial profile.
     """
-    return run(system, fourier, experiment.starting_from(initial), integrator=integrator)[0]
+    return simulate_window(system, fourier, data.starting_from(initial), integrator=integrator)[0]
 
 
 @field_with_theta.def_jvp
 def _field_jvp(primals, tangents):
-    fourier, initial, system, experiment, integrator = primals
-    u, theta = explicit(system, fourier, experiment.starting_from(initial), integrator=integrator)
+    fourier, initial, system, data, integrator = primals
+    u, theta = explicit(system, fourier, data.starting_from(initial), integrator=integrator)
     change = jnp.zeros_like(u)
     if tangents[0] is not None:
         change = change + theta * tangents[0]
     if tangents[1] is not None:
-        change = change + profile_response(system, fourier, experiment, tangents[1], integrator=integrator)
+        change = change + profile_response(system, fourier, data, tangents[1], integrator=integrator)
     return u, change

@@ -1,4 +1,4 @@
-"""The one class for every linear model of the package, large or reduced.
+"""The linear state-space model, the same class for full-order and reduced-order models.
 
 With the time in units of `t_ref` and `Fo = t_ref alpha / L^2`:
 
@@ -7,8 +7,7 @@ With the time in units of `t_ref` and `Fo = t_ref alpha / L^2`:
     theta = du/dFo = C_theta x_theta
     x_theta' = (Fo A + A0) x_theta + A x + B q     x_theta(0) = 0
 
-`q` are the inputs (for a wall: its two face temperatures), `a` the coefficients of the initial
-profile. A large original model and a reduced one differ in their matrices only.
+`q` are the inputs (of a wall: its two boundary temperatures), `a` the coefficients of the initial profile.
 """
 
 from __future__ import annotations
@@ -31,37 +30,40 @@ _FILE_FORMAT = 1
 
 
 def require_x64() -> None:
-    """Raise where JAX computes in single precision.
+    """Refuse to compute in single precision.
 
     Raises:
-        RuntimeError: `jax_enable_x64` is off. The package never switches it on by itself.
+        RuntimeError: `jax_enable_x64` is off.
     """
     if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
         raise RuntimeError(
-            "wallid computes in float64, and JAX has it switched off. Put "
+            "wallid needs float64, which is switched off in JAX. Put "
             "`jax.config.update('jax_enable_x64', True)` before the first computation, "
             "or set JAX_ENABLE_X64=1 in the environment."
         )
 
 
 class StateSpace(eqx.Module):
-    """A linear model whose rate is scaled by the Fourier number.
+    """A linear model whose rate scales with the Fourier number.
+
+        x' = (Fo A + A0) x + (Fo B + B0) q,   u = C x + D q,   x(0) = P a
 
     Args:
-        A: what scales with Fo, 1; `(node, node)`, or `(node,)` where it is diagonal.
-        B: the inputs' part that scales with Fo, 1.
-        C, D: outputs from the state and directly from the inputs.
-        P: the initial state per coefficient of the initial profile.
-        A0, B0: what does not scale with Fo, or None.
-        C_theta: outputs of the sensitivity state; None means the same as C (the exact derivative).
-        capacity: weights `m > 0` that make `diag(m) A` symmetric, or None where there are none.
-        output_names: one name per output.
-        driven: per input, whether this model knows its effect. A reduced model knows an input only
-            if learning moved it.
+        A: state matrix, the part that scales with Fo, 1; `(node, node)`, or `(node,)` where it is diagonal.
+        B: input matrix, the part that scales with Fo, 1, `(node, input)`.
+        C: output matrix, `(output, node)`.
+        D: direct term from the inputs to the outputs, `(output, input)`.
+        P: the initial state for a unit of each coefficient of the initial profile, `(node, param)`.
+        A0, B0: the parts that do not scale with Fo, with the shapes of A and B; None for zero.
+        C_theta: output matrix of the sensitivity state; None for C, which gives the exact derivative.
+        capacity: weights `m > 0` that make `diag(m) A` symmetric, `(node,)`; None where there are none.
+        output_names: one name for each output, or none.
+        driven: for each input, whether the model includes its effect. A reduced-order model does not include an input
+            that was constant in all training signals.
 
     Raises:
         RuntimeError: 64-bit floats are switched off.
-        ValueError: shapes that do not fit each other, named.
+        ValueError: a shape that does not fit the others.
     """
 
     A: Float[Array, "node node"] | Float[Array, " node"] = eqx.field(converter=on_device)
@@ -92,12 +94,12 @@ class StateSpace(eqx.Module):
         for name, shapes in expected.items():
             value = getattr(self, name)
             if value is not None and value.shape not in shapes:
-                right = " or ".join(str(shape) for shape in sorted(shapes, key=len))
-                raise ValueError(f"StateSpace: {name} has shape {value.shape}; B makes it {right}")
+                allowed = " or ".join(str(shape) for shape in sorted(shapes, key=len))
+                raise ValueError(f"StateSpace: {name} has shape {value.shape}; with this B it must be {allowed}")
         for name, count in (("output_names", self.C.shape[0]), ("driven", inputs)):
-            given = len(getattr(self, name))
-            if given != count and not (name == "output_names" and given == 0):
-                raise ValueError(f"StateSpace: {name} has {given} entries for {count}")
+            length = len(getattr(self, name))
+            if length != count and not (name == "output_names" and length == 0):
+                raise ValueError(f"StateSpace: {name} has {length} entries; it must have {count}")
 
     @property
     def order(self) -> int:
@@ -106,17 +108,17 @@ class StateSpace(eqx.Module):
 
     @property
     def is_diagonal(self) -> bool:
-        """Whether each state is a mode of its own."""
+        """Whether A is diagonal, so that each state is a mode."""
         return self.A.ndim == 1
 
     @property
     def is_symmetrisable(self) -> bool:
-        """Whether `modal` can turn this model into its modes."""
+        """Whether `modal` can diagonalise this model."""
         return self.is_diagonal or (self.capacity is not None and self.A0 is None)
 
     @property
     def theta_outputs(self) -> Float[Array, "output node"]:
-        """The outputs of the sensitivity state: C_theta, or C where there is none of its own."""
+        """The output matrix of the sensitivity state: C_theta, or C where C_theta is None."""
         return self.C if self.C_theta is None else self.C_theta
 
     def apply(self, x: Float[Array, " node"]) -> Float[Array, " node"]:
@@ -134,20 +136,21 @@ class StateSpace(eqx.Module):
 
     @eqx.filter_jit
     def static_gain(self) -> Float[Array, "output input"]:
-        """The outputs in a steady state per unit of each input, `D - C A^-1 B`.
+        """The outputs in a steady state for a unit of each input, `D - C A^-1 B`.
 
         Raises:
-            ValueError: the model has a part that does not scale with Fo (the gain depends on Fo then).
+            ValueError: A0 or B0 is not None, so the gain depends on Fo.
         """
         if self.A0 is not None or self.B0 is not None:
             raise ValueError("static_gain: A0 or B0 is set, so the steady state depends on the diffusivity")
-        rest = jnp.divide(self.B, self.A[:, None]) if self.is_diagonal else jnp.linalg.solve(self.A, self.B)
-        return jnp.subtract(self.D, jnp.matmul(self.C, rest))
+        A_inverse_B = jnp.divide(self.B, self.A[:, None]) if self.is_diagonal else jnp.linalg.solve(self.A, self.B)
+        return jnp.subtract(self.D, jnp.matmul(self.C, A_inverse_B))
 
     def modal(self) -> StateSpace:
-        """The same model in its modes: a diagonal `A`, the same outputs to round-off.
+        """The same model in modal coordinates: `A` is diagonal, the outputs are equal to round-off.
 
-        With `M = diag(capacity)`: `M^1/2 A M^-1/2 = Q diag(f) Q^T`, state `Q^T M^1/2 x`.
+        With `M = diag(capacity)` and the eigenvalues `f` of `M^1/2 A M^-1/2 = Q diag(f) Q^T`, the state is
+        `Q^T M^1/2 x`.
 
         Raises:
             ValueError: the model cannot be symmetrised.
@@ -156,13 +159,13 @@ class StateSpace(eqx.Module):
             return self
         if not self.is_symmetrisable or self.capacity is None:
             raise ValueError(
-                "modal: this model has no capacities that symmetrise it (or a part that does not scale "
-                "with Fo); simulate it as it is, the solver takes a dense exponential"
+                "modal: the model cannot be symmetrised, because `capacity` is None or `A0` is not; `simulate` "
+                "accepts it without modes"
             )
         return _to_modes(self, self.capacity)
 
     def select(self, outputs: list[int]) -> StateSpace:
-        """The same model with only the outputs of these places, in this order."""
+        """The same model with only the outputs at these indices, in this order."""
         rows = np.asarray(outputs)
         return dataclasses.replace(
             self,
@@ -173,7 +176,7 @@ class StateSpace(eqx.Module):
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the model as one file (NumPy's npz, readable without this package)."""
+        """Write the model to one file in NumPy's npz format, which NumPy alone can read."""
         arrays: dict[str, Any] = {
             name: np.asarray(value) for name in _ARRAYS if (value := getattr(self, name)) is not None
         }
@@ -186,7 +189,7 @@ class StateSpace(eqx.Module):
         """Read a model that `save` wrote.
 
         Raises:
-            ValueError: the file is not such a model, or of a format this version does not know.
+            ValueError: the file is not such a model, or it has a format that this version cannot read.
         """
         try:
             with np.load(path, allow_pickle=False) as file:
@@ -195,7 +198,7 @@ class StateSpace(eqx.Module):
         except (KeyError, ValueError, OSError) as error:
             raise ValueError(f"{path}: not a model saved by wallid ({error})") from error
         if header.get("format") != _FILE_FORMAT:
-            raise ValueError(f"{path}: model format {header.get('format')}; this version reads {_FILE_FORMAT}")
+            raise ValueError(f"{path}: model format {header.get('format')}; this version reads {_FILE_FORMAT} only")
         return StateSpace(
             **arrays, output_names=tuple(header["output_names"]), driven=tuple(map(bool, header["driven"]))
         )

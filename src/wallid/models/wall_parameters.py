@@ -1,11 +1,11 @@
-"""What of a wall itself may be free beside its effective diffusivity: its layers, and films where faces read air.
+"""The wall parameters that can be estimated besides the effective diffusivity: of layers and of surface films.
 
-Each parameter is a logarithm with a normal prior about what the case states, in units of its standard deviation:
+Each one is a logarithm with a normal prior about the case's value, in units of the prior standard deviation:
 
-- `layers`: `ln(k_i / k_1)` of each layer beyond the first, about the stated ratio. Only ratios move relative to the
-  effective diffusivity: the diffusivity of layer i is `alpha (k_i / k_eff) / (c_i / c_eff)`, its capacity as stated.
-- `film_left`, `film_right`: `ln(k / h)` about `k` of the wall (1 W/m/K where it is not stated) over the standard
-  coefficient: the column of that face is the air's temperature.
+- `layers`: `ln(k_i / k_1)` of each layer after the first, about the case's ratio. Heat capacities are those of the
+  case. The diffusivity of layer i is `alpha (k_i / k_eff) / (c_i / c_eff)`, so only the ratios of conductivities count.
+- `film_left`, `film_right`: `ln(k / h)`, for a face whose column in the record is the air temperature. The prior mean
+  has the case's `k` (1 W/m/K where it is not stated) and the standard film coefficient `h`.
 
 Source: ISO 6946 for the surface coefficients.
 """
@@ -26,45 +26,43 @@ from .state_space import StateSpace
 
 LAYER_STD = 0.5  # of ln(k_i / k_1)
 FILM_STD = 1.0  # of ln(k / h)
-_COEFFICIENT = {"inside": 1 / 0.13, "outside": 1 / 0.04}  # W/m2/K
-_FARTHEST = 4.0  # prior standard deviations: no search goes beyond
+_FILM_COEFFICIENT = {"inside": 1 / 0.13, "outside": 1 / 0.04}  # W/m2/K
+_BOUND = 4.0  # of the search, in prior standard deviations
 
 
 def free_wall_parameters(case: Case) -> tuple[str, ...]:
-    """The names of what is free: "layer 2", "film_left"."""
+    """The names of the wall parameters that a case estimates: "layer 2", "film_left"."""
     names: list[str] = []
     for choice in case.choices.free:
-        if choice != "layers":
-            names.append(choice)
-        else:
-            names += [f"layer {place}" for place in range(2, len(case.wall.layers) + 1)]
+        layers = [f"layer {number}" for number in range(2, len(case.wall.layers) + 1)]
+        names += layers if choice == "layers" else [choice]
     return tuple(names)
 
 
-def std_of(name: str) -> float:
-    """Of the prior of a parameter's logarithm."""
+def prior_std_of(name: str) -> float:
+    """Standard deviation of the prior of a wall parameter's logarithm."""
     return LAYER_STD if name.startswith("layer") else FILM_STD
 
 
 def clipped_to_prior(values: np.ndarray) -> np.ndarray:
-    """Parameters no farther from their priors than a search goes."""
-    return np.clip(values, -_FARTHEST, _FARTHEST)
+    """Wall parameters (in prior standard deviations) within the bounds of the search."""
+    return np.clip(values, -_BOUND, _BOUND)
 
 
 def film_prior(case: Case, face: str) -> float:
-    """Conductivity over the standard film coefficient of a face, m."""
+    """The prior film length of a face: conductivity over its standard film coefficient, m."""
     k = case.wall.effective_conductivity
-    return (1.0 if k is None else k) / _COEFFICIENT["inside" if face == case.wall.inside else "outside"]
+    return (1.0 if k is None else k) / _FILM_COEFFICIENT["inside" if face == case.wall.inside else "outside"]
 
 
-def film_at(case: Case, names: Sequence[str], values: np.ndarray) -> tuple[float, float]:
-    """Film lengths at the left and the right face, m; 0 where none is free."""
-    found = {name: film_prior(case, name[5:]) * math.exp(FILM_STD * z) for name, z in zip(names, values, strict=True)}
-    return found.get("film_left", 0.0), found.get("film_right", 0.0)
+def film_lengths_at(case: Case, names: Sequence[str], values: np.ndarray) -> tuple[float, float]:
+    """Film lengths `k / h` at the left and the right face, m; 0 where none is estimated."""
+    lengths = {name: film_prior(case, name[5:]) * math.exp(FILM_STD * z) for name, z in zip(names, values, strict=True)}
+    return lengths.get("film_left", 0.0), lengths.get("film_right", 0.0)
 
 
 def wall_at(case: Case, names: Sequence[str], values: np.ndarray) -> Wall:
-    """The wall with its layers' conductivities at these parameters; its length and prior are as they were."""
+    """The wall with its layers' conductivities at these parameters (in prior standard deviations)."""
     factors = np.ones(len(case.wall.layers))
     for name, value in zip(names, values, strict=True):
         if name.startswith("layer"):
@@ -77,17 +75,17 @@ def wall_at(case: Case, names: Sequence[str], values: np.ndarray) -> Wall:
 
 
 def layer_ratios(case: Case, names: Sequence[str], values: np.ndarray) -> np.ndarray:
-    """Each layer's diffusivity over the wall's effective one, 1."""
+    """Each layer's diffusivity over the wall's effective diffusivity."""
     return np.array([k / c for _, k, c in wall_at(case, names, values).relative_layers()])
 
 
 def model_at(case: Case, names: Sequence[str], values: np.ndarray, outputs: Sequence[Output]) -> StateSpace:
-    """The large model at these parameters, in its modes, on the nodes of the case's own wall."""
+    """The full-order model at these parameters, in its modes, on the nodes of the case's own wall."""
     return finite_volume_model(
         wall_at(case, names, values),
         outputs,
         nodes=case.choices.nodes,
         profile_degree=profile_degree(case),
-        film=film_at(case, names, values),
-        places=grid(case.wall, case.choices.nodes),
+        film=film_lengths_at(case, names, values),
+        node_positions=grid(case.wall, case.choices.nodes),
     ).modal()

@@ -1,4 +1,4 @@
-"""A window of a case in the form that models take: inputs, initial profile, readings, weights."""
+"""A window of a case as model inputs and weighted readings, and the full-order model of a case."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from .state_space import StateSpace
 
 
 class WindowData(eqx.Module):
-    """What a model is driven with and compared to, over one window.
+    """The inputs of a model over one window, and the readings it is compared with.
 
     Args:
         step: of the rows, in t_ref.
-        inputs: dimensionless face temperatures (left, right).
+        inputs: dimensionless boundary temperatures (left, right).
         initial: dimensionless coefficients of the initial profile in x*.
-        observed: sensors' readings in degC, 0 where missing.
-        weight: per reading, one over its standard deviation in K; 0 where missing.
-        offset_std: of each sensor's constant offset, K; 0 where none is estimated.
-        profile_per_offset: how the initial profile, fitted through readings, moves with each sensor's
-            offset, 1/K; zero for a profile that was given.
+        observed: readings of the sensors, degC, 0 where missing; plates' fluxes after them, W/m2.
+        weight: of each reading, one over its standard deviation, 1/K; 0 where missing.
+        offset_std: prior standard deviation of each sensor's constant offset, K; 0 where none is estimated.
+        profile_per_offset: change of the initial profile, which is fitted through readings, with each sensor's offset,
+            1/K; zero for a profile that is given.
         temperature, temperature_min: T = temperature_min + temperature u.
-        offsets: the sensors with an offset, by place.
+        offsets: indices of the sensors whose offset is estimated.
     """
 
     step: Float[Array, ""] = eqx.field(converter=on_device)
@@ -47,7 +47,7 @@ class WindowData(eqx.Module):
     offsets: tuple[int, ...] = eqx.field(static=True, default=())
 
     def celsius(self, u: Array) -> Array:
-        """Dimensionless temperatures in degC."""
+        """The temperatures in degC of dimensionless ones."""
         return self.temperature_min + self.temperature * u
 
     def starting_from(self, initial: Float[Array, " param"]) -> WindowData:
@@ -61,11 +61,12 @@ class WindowData(eqx.Module):
 
 
 def window_data(case: Case, window: Window | None = None, *, weighted: bool = True) -> WindowData:
-    """A window of a case (None: its whole record, straight lines across its breaks) for estimation.
+    """The model inputs and the readings of a window of a case.
 
     Args:
-        weighted: each reading by its sensor's noise; False gives the paper's plain sum of squares (all
-            readings by one noise, the sensors' root mean square).
+        window: None for the entire record, with straight lines across its breaks.
+        weighted: whether each reading is weighted by its sensor's noise; False gives the paper's plain sum of squares
+            (one noise for all readings, the root mean square of the sensors').
 
     Raises:
         InputError: no inner sensor has a reading in the window, or the record breaks in it.
@@ -102,7 +103,13 @@ def window_data(case: Case, window: Window | None = None, *, weighted: bool = Tr
 
 
 def full_order_model(case: Case, extra: Sequence[Output] = ()) -> StateSpace:
-    """The case's large model in its modes; outputs are the sensors, then `extra`.
+    """The full-order model of a case in its modes: `U' = Fo (A U + B Q)`, `Y = C U + D Q`, A diagonal.
+
+    Args:
+        extra: further outputs, after the sensors.
+
+    Returns:
+        a state space with the two boundary temperatures as inputs.
 
     Raises:
         InputError: the case has no inner sensor, or fewer nodes than its layers need.
@@ -118,10 +125,10 @@ def full_order_model(case: Case, extra: Sequence[Output] = ()) -> StateSpace:
 
 
 def check_driven(model: StateSpace, case: Case, window: Window | None = None) -> None:
-    """Refuse to drive a reduced model by a face that its learning never moved.
+    """Refuse a reduced-order model that was learned without one of the faces that vary in a window.
 
     Raises:
-        InputError: such a face moves in this window, or does not meet the initial profile.
+        InputError: such a face varies in this window, or differs from the initial profile.
     """
     window = entire_record(case) if window is None else window
     faces = np.asarray(case.record.window(window.row, window.rows).faces)
@@ -131,7 +138,7 @@ def check_driven(model: StateSpace, case: Case, window: Window | None = None) ->
     for side, name in enumerate(SIDES):
         if not model.driven[side] and largest[side] > MIN_FACE_RANGE:
             raise InputError(
-                f"record: the {name} face moves by up to {largest[side]:.3g} K from the initial profile, and the "
-                f"reduced model never learned what the {name} face does; add a learning signal in which it "
-                'moves ([[learning.signal]]), or use [choices] model = "lom"'
+                f"record: the {name} face differs by up to {largest[side]:.3g} K from the initial profile, and the "
+                f"reduced-order model was learned without the {name} face; add a learning signal in which it "
+                'varies ([[learning.signal]]), or use [choices] model = "lom"'
             )

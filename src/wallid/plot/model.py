@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from ..case.case_definition import Case
-from ..models.flux_plates import conductance_of, fluxes_of
+from ..models.flux_plates import fluxes_of, wall_conductance
 from ..reduction.modal_identification import LearnedModel
 from .house_style import BLUE, DAYS_LABEL, ORANGE, line_style
 from .legends import legend_above, shortened
@@ -37,7 +37,9 @@ def flux_sensitivity(ax: Axes, case: Case, days: np.ndarray, values: np.ndarray)
         values: sensitivity divided by the conductance, K, `(time, plate)`.
     """
     for p, face in enumerate(fluxes_of(case)):
-        ax.plot(*downsampled(days, conductance_of(case) * values[:, p]), **line_style(p), lw=0.9, label=f"{face} plate")
+        ax.plot(
+            *downsampled(days, wall_conductance(case) * values[:, p]), **line_style(p), lw=0.9, label=f"{face} plate"
+        )
     ax.set(
         xlabel=DAYS_LABEL,
         ylabel=r"$\partial q / \partial \ln \alpha$ (W/m²)",

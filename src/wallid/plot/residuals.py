@@ -92,7 +92,9 @@ def smooth_residual(ax: Axes, fit: EffectFit, tests: ResidualTests) -> None:
 
     The smooth part is orthogonal to the Jacobian of all estimated and nuisance parameters.
     """
-    middle = (np.arange(len(tests.smooth_residual)) + 0.5) * fit.problem.bins.rows * fit.problem.record.step / DAY
+    middle = (
+        (np.arange(len(tests.smooth_residual)) + 0.5) * fit.problem.bins.rows_per_bin * fit.problem.record.step / DAY
+    )
     day_of_row = fit.problem.record.days.astype(int)
     for s, name in enumerate(sensor_names(fit)):
         ax.plot(middle, tests.smooth_residual[:, s], lw=1.1, label=name, **line_style(s))
@@ -138,7 +140,7 @@ def expected_cumulative_power(fit: EffectFit) -> np.ndarray:
     problem, noise = fit.problem, fit.noise
     rows = problem.record.rows
     sensor_std = np.array([sensor.noise_std for sensor in problem.case.sensors])
-    response = np.fft.rfft(face_impulse_response(problem.model, fit.theta), axis=1)[:, 1 : (rows + 1) // 2]
+    response = np.fft.rfft(face_impulse_response(problem.model, fit.parameters), axis=1)[:, 1 : (rows + 1) // 2]
     omega = 2 * np.pi * np.arange(1, response.shape[1] + 1) / rows
     rho = noise.correlation
     spectrum = (1 - rho**2) / (1 - 2 * rho * np.cos(omega) + rho**2)

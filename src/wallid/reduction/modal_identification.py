@@ -1,17 +1,15 @@
-"""The reduced model, learned by the Modal Identification Method.
+"""The reduced-order model, learned by the Modal Identification Method.
 
     X' = Fo (F X + G Q),   Y_u = H X + D Q,   Y_theta = H_theta X_theta,   X(0) = P a
 
-with `F = diag(f)`, `f < 0`. Learning minimises the misfit to the large model's outputs and sensitivities over a set of
-signals (`variable_projection`).
+with `F = diag(f)`, `f < 0`. Learning minimises the error of outputs and sensitivities against the full-order model over
+a set of signals (`variable_projection`).
 
-Three things are given by the physics and not learned. In a steady state a mode sits at
-`X = b Q`, `b = -G/f`, so with `S` the large model's static gain the direct term is `D = S - H b`:
-the truncated fast modes keep their static part, and a reduced model is right at rest whatever the
-level of temperature. An initial profile that is itself a steady state (a constant; on a
-homogeneous wall a straight line) takes its `P` from `b`. And `H` enters linearly, so it is
-eliminated: what Levenberg-Marquardt searches are the poles, the direction of each row of `b`, and
-the rest of `P`.
+Three things follow from the physics and are not learned. In a steady state a mode is `X = b Q`, `b = -G/f`. So with `S`
+the static gain of the full-order model the direct term is `D = S - H b`: the truncated fast modes keep their static
+part, and the reduced-order model is exact in every steady state. An initial profile that is a steady state (a constant;
+in a homogeneous wall a straight line) has its column of `P` from `b`. And `H` enters linearly, so it is solved for.
+Levenberg-Marquardt searches the poles, the direction of each row of `b`, and the other columns of `P`.
 
 Source: Berger and Kadoch, Section 3.2.
 """
@@ -36,29 +34,29 @@ from ..models.error_measures import eps_2, eps_inf
 from ..models.integration import Integrator
 from ..models.state_space import StateSpace
 from .variable_projection import (
-    QUIET,
+    CONSTANT_TOLERANCE,
+    LearningProblem,
     Modes,
-    Setting,
     TrainingSignals,
-    blocks,
-    courses,
-    eliminate,
-    left_over,
-    setting_of,
+    basis_blocks,
+    learning_problem,
+    projected_residual,
+    simulated_outputs,
+    solve_for_outputs,
 )
 
-_POLE_RATIO = 1.05  # smallest ratio of neighbouring poles: where two meet, their basis is singular
-_MOST_STEPS = 60
-_SHAPE = 10  # orders up to a multiple of it are learned in arrays of its size
+_MIN_POLE_RATIO = 1.05  # of neighbouring poles: the basis of two equal ones is singular
+_MAX_STEPS = 60
+_ARRAY_SIZE = 10  # orders up to a multiple of it are learned in arrays of that size, with one compilation
 
 
 class LearnedModel(eqx.Module):
-    """A reduced model and how well it was learned.
+    """A reduced-order model with its errors.
 
     Args:
-        system: the reduced model.
-        eps_2, eps_inf: errors of (u, theta) over all learning signals, dimensionless.
-        condition: of the modes' basis; above some 1e8 the split into modes means nothing.
+        system: the reduced-order model.
+        eps_2, eps_inf: root mean square and largest error of (u, theta) over all learning signals, dimensionless.
+        condition: condition number of the modes' basis; above about 1e8 single modes have no meaning.
         steps: of Levenberg-Marquardt.
     """
 
@@ -70,72 +68,75 @@ class LearnedModel(eqx.Module):
 
     def __str__(self) -> str:
         return (
-            f"Reduced model of order {self.system.order}, learned in {self.steps} steps: "
+            f"Reduced-order model of order {self.system.order}, learned in {self.steps} steps: "
             f"eps_inf {self.eps_inf[0]:.1e} (u), {self.eps_inf[1]:.1e} (theta), dimensionless; "
             f"condition of the basis {self.condition:.0e}"
         )
 
 
 def learn_system(
-    lom: StateSpace,
+    full_order_model: StateSpace,
     order: int,
     signals: TrainingSignals,
     *,
     tied: bool = True,
     integrator: Integrator = "propagator",
-    max_steps: int = _MOST_STEPS,
+    max_steps: int = _MAX_STEPS,
 ) -> LearnedModel:
-    """A reduced model of `order` modes that gives the large model's outputs on these signals.
+    """A reduced-order model of `order` modes that gives the full-order model's outputs on these signals.
 
     Args:
-        lom: the large model; hoist its `modal()` out of repeated calls.
+        full_order_model: as from `wallid.full_order_model`; for repeated calls take its `modal()` once.
         order: the number of modes.
-        signals: the learning set; inputs that no signal moves are left out of the model, which
-            then says so in `driven`.
-        tied: one H for u and theta (theta is then the exact derivative); False leaves H_theta
-            free, as the paper does.
+        signals: to learn from. An input that is constant in all of them is not learned (`driven` of the result).
+        tied: one H for u and theta, so that theta is the exact derivative; False learns H_theta separately, as the
+            paper does.
         integrator: how the signals' rows are stepped through.
-        max_steps: of Levenberg-Marquardt. Where two poles meet it creeps on without gain, so the last
-            step need not be a converged one; `eps_inf` says what was reached.
+        max_steps: of Levenberg-Marquardt. Where two poles come close it goes on without gain, so the last step need
+            not be converged; `eps_inf` gives the error that was reached.
+
+    Returns:
+        the model with its errors.
 
     Raises:
-        InputError: an order that the large model cannot give, or signals that do not teach it.
+        InputError: an order above the full-order model's, or signals without the excitation to learn from.
+
+    Source: Berger and Kadoch, Section 3.2.
     """
-    _check_order(lom, order)
-    lom = lom.modal()
-    reference = courses(lom, signals, integrator)
-    return _learn(lom, order, order, signals, reference, tied, integrator, max_steps)
+    _check_order(full_order_model, order)
+    full_order_model = full_order_model.modal()
+    reference = simulated_outputs(full_order_model, signals, integrator)
+    return _learn(full_order_model, order, order, signals, reference, tied, integrator, max_steps)
 
 
-def _check_order(lom: StateSpace, order: int) -> None:
-    """Refuse an order that the large model cannot give."""
-    if not 1 <= order <= lom.order:
-        raise InputError(f"order = {order}; it must lie between 1 and the large model's {lom.order}")
+def _check_order(full_order_model: StateSpace, order: int) -> None:
+    """Refuse an order below 1 or above the full-order model's."""
+    if not 1 <= order <= full_order_model.order:
+        raise InputError(f"order = {order}; it must lie between 1 and the full-order model's {full_order_model.order}")
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def _learn(
-    lom: StateSpace,
+    full_order_model: StateSpace,
     order: int,
-    shape: int,
+    array_size: int,
     signals: TrainingSignals,
     reference: tuple[Array, Array],
     tied: bool,
     integrator: Integrator,
     max_steps: int,
 ) -> LearnedModel:
-    """Learn `order` modes in arrays of `shape` modes: orders of one shape share one compilation.
+    """Learn `order` modes in arrays of `shape` modes, so that orders of one shape share one compilation.
 
-    LAPACK's threads are kept from it: its matrices are thin, and on a busy machine threads that wait
-    for each other made the factorisations fifty times slower.
+    With one LAPACK thread: the matrices are thin, and on a busy machine several threads took fifty times longer.
     """
     jax.block_until_ready(reference)
-    setting = setting_of(lom, signals, reference, tied, integrator, order, shape)
-    modes, steps = _search(_start(lom, shape, setting), setting, max_steps)
-    whole, R = _assemble(lom, modes, setting)
-    learned = courses(whole, signals, integrator)
+    problem = learning_problem(full_order_model, signals, reference, tied, integrator, order, array_size)
+    modes, steps = _levenberg_marquardt(_initial_modes(full_order_model, array_size, problem), problem, max_steps)
+    system, R = _assemble_model(full_order_model, modes, problem)
+    learned = simulated_outputs(system, signals, integrator)
     return LearnedModel(
-        system=_first_modes(whole, order),
+        system=_first_modes(system, order),
         eps_2=(eps_2(learned[0], reference[0]), eps_2(learned[1], reference[1])),
         eps_inf=(eps_inf(learned[0], reference[0]), eps_inf(learned[1], reference[1])),
         condition=float(np.linalg.cond(np.asarray(R)[:order, :order])),
@@ -144,7 +145,7 @@ def _learn(
 
 
 def _first_modes(system: StateSpace, order: int) -> StateSpace:
-    """A modal model without the modes past the first `order`."""
+    """The first `order` modes of a modal model."""
     return replace(
         system,
         A=index_array(system.A, slice(order)),
@@ -156,31 +157,31 @@ def _first_modes(system: StateSpace, order: int) -> StateSpace:
 
 
 def sweep_orders(
-    lom: StateSpace,
+    full_order_model: StateSpace,
     orders: Sequence[int],
     signals: TrainingSignals,
     *,
     tied: bool = True,
     integrator: Integrator = "propagator",
 ) -> Iterator[LearnedModel]:
-    """Learn each order in turn: the paper's figures of error against order, one at a time.
+    """Learn several orders, one after the other: the paper's figures of error against order.
 
-    Up to ten orders share one compilation: for each by itself it takes longer than to learn it.
+    Up to ten orders share one compilation. Arguments as in `learn_system`.
 
     Raises:
-        InputError: an order that the large model cannot give, or signals that do not teach it.
+        InputError: an order above the full-order model's, or signals without the excitation to learn from.
     """
     for order in orders:
-        _check_order(lom, order)
-    lom = lom.modal()
-    reference = courses(lom, signals, integrator)
+        _check_order(full_order_model, order)
+    full_order_model = full_order_model.modal()
+    reference = simulated_outputs(full_order_model, signals, integrator)
     for order in orders:
-        shape = min(_SHAPE * math.ceil(order / _SHAPE), lom.order)
-        yield _learn(lom, order, shape, signals, reference, tied, integrator, _MOST_STEPS)
+        shape = min(_ARRAY_SIZE * math.ceil(order / _ARRAY_SIZE), full_order_model.order)
+        yield _learn(full_order_model, order, shape, signals, reference, tied, integrator, _MAX_STEPS)
 
 
 def choose_order(
-    lom: StateSpace,
+    full_order_model: StateSpace,
     signals: TrainingSignals,
     *,
     tolerance: float,
@@ -190,59 +191,63 @@ def choose_order(
     integrator: Integrator = "propagator",
     on_try: Callable[[LearnedModel], None] = lambda learned: None,
 ) -> LearnedModel:
-    """The smallest order whose errors do not matter, or the best one tried.
+    """The smallest order whose errors are within tolerances, or else the best of those tried.
 
     Args:
-        tolerance: largest error of u over the learning signals, dimensionless; a tenth of the
-            smallest noise is a good one.
-        sensitivity_tolerance: largest error of theta over the largest theta.
+        tolerance: of the largest error of u over the learning signals, dimensionless; a tenth of the smallest noise
+            is a good choice.
+        sensitivity_tolerance: of the largest error of theta, over the largest theta.
+        orders: to be tried.
         tied, integrator: as in `learn_system`.
-        on_try: told of each order, for a progress display.
+        on_try: called with each model, for a progress display.
+
+    Raises:
+        InputError: no order is below that of the full-order model.
     """
-    largest = float(jnp.max(jnp.abs(courses(lom.modal(), signals, integrator)[1])))
+    largest = float(jnp.max(jnp.abs(simulated_outputs(full_order_model.modal(), signals, integrator)[1])))
     best: LearnedModel | None = None
-    within = [order for order in orders if order <= lom.order]
-    for learned in sweep_orders(lom, within, signals, tied=tied, integrator=integrator):
+    possible = [order for order in orders if order <= full_order_model.order]
+    for learned in sweep_orders(full_order_model, possible, signals, tied=tied, integrator=integrator):
         on_try(learned)
         if best is None or learned.eps_inf[0] < best.eps_inf[0]:
             best = learned
         if learned.eps_inf[0] <= tolerance and learned.eps_inf[1] <= sensitivity_tolerance * largest:
             return learned
     if best is None:
-        raise InputError(f"orders: none of {tuple(orders)} is within the large model's {lom.order}")
+        raise InputError(f"orders: none of {tuple(orders)} is within the full-order model's {full_order_model.order}")
     return best
 
 
-def _start(lom: StateSpace, order: int, setting: Setting) -> Modes:
-    """The large model's slowest modes, each row of b scaled to a largest entry of 1."""
-    slowest = np.argsort(-np.asarray(lom.A))[:order]
-    f = np.asarray(lom.A)[slowest]
-    b = -np.asarray(lom.B)[slowest] / f[:, None] * np.asarray(setting.driven)
+def _initial_modes(full_order_model: StateSpace, order: int, problem: LearningProblem) -> Modes:
+    """The full-order model's slowest modes, each row of b scaled to a largest entry of 1."""
+    slowest = np.argsort(-np.asarray(full_order_model.A))[:order]
+    f = np.asarray(full_order_model.A)[slowest]
+    b = -np.asarray(full_order_model.B)[slowest] / f[:, None] * np.asarray(problem.driven)
     largest = b[np.arange(order), np.argmax(np.abs(b), axis=1)]
-    largest = np.where(np.abs(largest) > QUIET, largest, 1.0)
-    gaps = np.maximum(np.diff(np.log(-f)), 1.001 * np.log(_POLE_RATIO))
+    largest = np.where(np.abs(largest) > CONSTANT_TOLERANCE, largest, 1.0)
+    gaps = np.maximum(np.diff(np.log(-f)), 1.001 * np.log(_MIN_POLE_RATIO))
     return Modes(
         log_poles=on_device(np.cumsum(np.concatenate([np.log(-f[:1]), gaps]))),
         b=on_device(b / largest[:, None]),
-        profile=on_device(np.asarray(lom.P)[slowest][:, setting.free] / largest[:, None]),
+        profile=on_device(np.asarray(full_order_model.P)[slowest][:, problem.learned_columns] / largest[:, None]),
     )
 
 
 @eqx.filter_jit
-def _search(start: Modes, setting: Setting, max_steps: int) -> tuple[Modes, Array]:
-    """The best modes by Levenberg-Marquardt, and its steps.
+def _levenberg_marquardt(start: Modes, problem: LearningProblem, max_steps: int) -> tuple[Modes, Array]:
+    """The best modes by Levenberg-Marquardt, and its number of steps.
 
-    Searched are the logs of the gaps between poles past the smallest ratio, b but for its largest entry
-    of each mode and for inputs that nothing drives, and the free columns of P.
+    The unknowns are the gaps between the logarithms of the poles (above the smallest ratio, by a softplus), the entries
+    of b except each mode's largest one and those of inputs that do not vary, and the learned columns of P.
     """
-    smallest = np.log(_POLE_RATIO)
+    smallest = np.log(_MIN_POLE_RATIO)
     gaps = jnp.diff(start.log_poles) - smallest
     coded = jnp.concatenate([start.log_poles[:1], jnp.log(jnp.expm1(gaps))])
-    # one entry of each row of b stays 1: H holds the row's size
-    kept = jax.nn.one_hot(jnp.argmax(jnp.abs(start.b), axis=1), start.b.shape[1], dtype=bool)
-    searched = ~kept & jnp.asarray(setting.driven)
+    # one entry of each row of b stays 1: H has the row's size
+    fixed = jax.nn.one_hot(jnp.argmax(jnp.abs(start.b), axis=1), start.b.shape[1], dtype=bool)
+    searched = ~fixed & jnp.asarray(problem.driven)
     unknowns = (coded, jnp.zeros_like(start.b), start.profile)
-    if sum(setting.driven) < 2:
+    if sum(problem.driven) < 2:
         unknowns = (coded, None, start.profile)
 
     def decode(unknowns) -> Modes:
@@ -252,10 +257,10 @@ def _search(start: Modes, setting: Setting, max_steps: int) -> tuple[Modes, Arra
         return Modes(jnp.cumsum(jnp.concatenate([coded[:1], gaps])), b, profile)
 
     solution = optx.least_squares(
-        lambda unknowns, setting: left_over(decode(unknowns), setting),
+        lambda unknowns, problem: projected_residual(decode(unknowns), problem),
         optx.LevenbergMarquardt(rtol=1e-5, atol=1e-13, norm=optx.two_norm),
         unknowns,
-        args=setting,
+        args=problem,
         max_steps=max_steps,
         throw=False,
     )
@@ -263,19 +268,19 @@ def _search(start: Modes, setting: Setting, max_steps: int) -> tuple[Modes, Arra
 
 
 @eqx.filter_jit
-def _assemble(lom: StateSpace, modes: Modes, setting: Setting) -> tuple[StateSpace, Array]:
-    """The reduced model with its H, and R of its basis."""
-    pairs = zip(blocks(modes, setting), setting.target, strict=True)
-    solved = [eliminate(basis, target) for basis, target in pairs]
+def _assemble_model(full_order_model: StateSpace, modes: Modes, problem: LearningProblem) -> tuple[StateSpace, Array]:
+    """The reduced-order model with its H, and R of its basis."""
+    pairs = zip(basis_blocks(modes, problem), problem.target, strict=True)
+    solved = [solve_for_outputs(basis, target) for basis, target in pairs]
     H = solved[0][2]
     system = StateSpace(
         A=modes.poles,
-        B=modes.inflow,
+        B=modes.input_matrix,
         C=H,
-        D=setting.static_gain - H @ modes.b,
-        P=setting.profiles(modes),
+        D=problem.static_gain - H @ modes.b,
+        P=problem.profiles(modes),
         C_theta=solved[1][2] if len(solved) > 1 else None,
-        output_names=lom.output_names,
-        driven=setting.driven,
+        output_names=full_order_model.output_names,
+        driven=problem.driven,
     )
     return system, solved[0][1]

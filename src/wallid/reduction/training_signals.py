@@ -1,4 +1,4 @@
-"""From a case's window to its reduced model: what to learn from, and of which order."""
+"""The training signals of a window, and the reduced-order model learned from them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from .._internal.errors import InputError
 from ..case.case_definition import Case
 from ..case.initial_profile import dimensionless_profile, profile_degree, scales
 from ..case.time_window import MIN_FACE_RANGE, HasBestWindow, Window, as_window
-from ..models.flux_plates import conductance_of, flux_noise_std, plate_outputs
+from ..models.flux_plates import flux_noise_std, plate_outputs, wall_conductance
 from ..models.integration import Integrator
 from ..models.window_inputs import full_order_model
 from .modal_identification import LearnedModel, choose_order, learn_system
 from .variable_projection import TrainingSignals
 
-_MOST_ROWS = 1000  # to learn from: three days of a row a minute would take a minute
+_MAX_ROWS = 1000  # of a signal: three days of one row a minute would take a minute to learn from
 
 
 def learn(
@@ -30,43 +30,51 @@ def learn(
     integrator: Integrator = "propagator",
     on_try: Callable[[LearnedModel], None] = lambda learned: None,
 ) -> LearnedModel:
-    """A reduced model for a window of a case, of the case's order or another.
+    """A reduced-order model for a window of a case.
 
     Args:
-        order: None for the case's; "auto" for the smallest whose error is under a tenth of the
-            smallest noise and whose sensitivity is within 1 %.
-        plates: whether the faces' fluxes are outputs too, after the sensors; None for where there is no sensor. A flux
-            needs faster modes than a temperature inside, which of the same order then knows less.
-        tied: one H for field and sensitivity; False leaves H_theta free (the paper).
+        window: the window, or a design, whose best window is taken.
+        order: None for the case's; "auto" for the smallest order whose error is below a tenth of the smallest noise
+            and whose sensitivity is within 1 %.
+        plates: whether the fluxes at the plates are outputs too, after the sensors; None: only in a case without
+            sensors. A flux needs faster modes than a temperature inside, so the temperatures are less accurate then.
+        tied: one H for field and sensitivity; False learns H_theta separately (the paper).
         integrator: how the signals' rows are stepped through.
-        on_try: with "auto", told of each order.
+        on_try: with "auto", called with each model tried.
+
+    Returns:
+        the model with its errors.
 
     Raises:
-        InputError: neither face moves in the window.
+        InputError: neither face varies in the window.
+
+    Example:
+        `model = wallid.learn(case, wallid.design(case))`
+
+    Source: Berger and Kadoch, Section 3.2.
     """
     window = as_window(window)
     order = case.choices.order if order is None else order
     outputs = plate_outputs(case) if plates or (plates is None and not case.sensors) else []
-    lom, signals = full_order_model(case, outputs), training_signals(case, window)
+    model, signals = full_order_model(case, outputs), training_signals(case, window)
     if order == "auto":
         noise = [sensor.noise_std for sensor in case.sensors]
-        noise += [flux_noise_std(case) / conductance_of(case)] if outputs else []
+        noise += [flux_noise_std(case) / wall_conductance(case)] if outputs else []
         tolerance = 0.1 * min(noise) / scales(case).temperature
-        return choose_order(lom, signals, tolerance=tolerance, tied=tied, integrator=integrator, on_try=on_try)
-    return learn_system(lom, order, signals, tied=tied, integrator=integrator)
+        return choose_order(model, signals, tolerance=tolerance, tied=tied, integrator=integrator, on_try=on_try)
+    return learn_system(model, order, signals, tied=tied, integrator=integrator)
 
 
 def training_signals(case: Case, window: Window) -> TrainingSignals:
-    """What the reduced model of a window learns from.
+    """The signals that the reduced-order model of a window is learned from.
 
-    The case's own learning signals where it lists some. Otherwise, at each learning diffusivity:
-    each face's course over the window alone (from rest), so that both columns of G are learned; of
-    many rows only some, between which the course goes straight: a model learned from them is as good. A
-    face that stands still in the window borrows the other's course. In both cases each
-    coefficient of the initial profile that is no steady state alone, with faces that meet it.
+    The case's own learning signals, if it has any. Otherwise, at each learning diffusivity, the variation of each face
+    alone over the window, from a steady state, so that both columns of G are learned. Of a long window only every so
+    many rows are used, with straight lines between. A face that is constant takes the other face's variation. In both
+    cases there is one more signal for each coefficient of the initial profile that is not a steady state.
     """
     scale = scales(case)
-    count, every = profile_degree(case) + 1, 1
+    count, stride = profile_degree(case) + 1, 1
     runs: list[tuple[float, np.ndarray, np.ndarray]] = []
     if case.learning:
         step = float(case.learning[0].time[1] - case.learning[0].time[0])
@@ -77,19 +85,19 @@ def training_signals(case: Case, window: Window) -> TrainingSignals:
         diffusivities = sorted({signal.diffusivity for signal in case.learning})
     else:
         part = case.record.window(window.row, window.rows)
-        every = -(-window.rows // _MOST_ROWS)
-        step = every * part.step
-        courses = [course[::every] / scale.temperature for course in _face_courses(np.asarray(part.faces))]
+        stride = -(-window.rows // _MAX_ROWS)
+        step = stride * part.step
+        signals = [signal[::stride] / scale.temperature for signal in _face_signals(np.asarray(part.faces))]
         diffusivities = list(case.choices.learning_diffusivities or ())
-        runs += [(alpha, course, np.zeros(count)) for alpha in diffusivities for course in courses]
-    rows = runs[0][1].shape[0] if case.learning else -(-window.rows // every)
-    # a straight line is at rest in a homogeneous wall: the model has it without learning
+        runs += [(alpha, signal, np.zeros(count)) for alpha in diffusivities for signal in signals]
+    rows = runs[0][1].shape[0] if case.learning else -(-window.rows // stride)
+    # a straight line is a steady state of a homogeneous wall: it need not be learned
     for degree in range(1 if case.wall.layers else 2, count):
         faces = np.tile([0.0, 1.0], (rows, 1))
         runs += [(alpha, faces, np.eye(count)[degree]) for alpha in diffusivities]
     if not runs:
         raise InputError(
-            "record: neither face moves in this window, so a reduced model has nothing to learn from; "
+            "record: neither face varies in this window, so there is nothing to learn a reduced-order model from; "
             'take another window, or [choices] model = "lom"'
         )
     return TrainingSignals(
@@ -100,13 +108,13 @@ def training_signals(case: Case, window: Window) -> TrainingSignals:
     )
 
 
-def _face_courses(faces: np.ndarray) -> list[np.ndarray]:
-    """Each face alone, from its first value, with the other one at rest; none where both stand still."""
-    moves = faces - faces[0]
-    still = np.ptp(moves, axis=0) < MIN_FACE_RANGE
-    courses = []
-    for side in (0, 1) if not still.all() else ():
-        course = np.zeros_like(moves)
-        course[:, side] = moves[:, 1 - side if still[side] else side]
-        courses.append(course)
-    return courses
+def _face_signals(faces: np.ndarray) -> list[np.ndarray]:
+    """The variation of each face from its first value, the other one constant; none where both are constant."""
+    variation = faces - faces[0]
+    constant = np.ptp(variation, axis=0) < MIN_FACE_RANGE
+    signals = []
+    for side in (0, 1) if not constant.all() else ():
+        signal = np.zeros_like(variation)
+        signal[:, side] = variation[:, 1 - side if constant[side] else side]
+        signals.append(signal)
+    return signals

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -60,6 +60,16 @@ class AbstractEffect(eqx.Module):
     def target(self) -> str | int | None:
         """The face, the air, or the index of the inner sensor; None for the entire wall."""
         return None
+
+    def target_name(self, sensors: Sequence[str]) -> str | None:
+        """The target as in result.json, from the names of the inner sensors."""
+        return sensors[self.target] if isinstance(self.target, int) else self.target
+
+    def parameter_names(self, sensors: Sequence[str]) -> tuple[str, ...]:
+        """Its parameters among all of a model: "effect.KIND[TARGET].PARAMETER", the form in the brackets too."""
+        brackets = ", ".join(part for part in (self.target_name(sensors), self.variant) if part)
+        effect = f"effect.{self.name}[{brackets}]" if brackets else f"effect.{self.name}"
+        return tuple(f"{effect}.{parameter.name}" for parameter in self.parameters)
 
     @property
     def event(self) -> tuple[float, float] | None:

@@ -70,7 +70,7 @@ class Modes(eqx.Module):
 
     def _weights(self, powers: int, step: Array) -> Float[Array, "power mode"]:
         """`h j! phi_{j+1}(z)`: the contribution of a power of time within a step to a mode."""
-        phis = phi_functions(step * self.poles, most=powers)[1:]
+        phis = phi_functions(step * self.poles, highest=powers)[1:]
         return step * jnp.stack([math.factorial(j) * phi for j, phi in enumerate(phis)])
 
     def _advance(

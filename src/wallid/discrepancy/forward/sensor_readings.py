@@ -74,7 +74,7 @@ def _lagged(value: Array, rate: Array, lag: Array, step: Array) -> Array:
     for j in range(1, 4):
         psi.append(1.0 - j * jnp.where(short_lag, s, 0.0) * psi[-1])
     inverse = 1.0 / jnp.where(short_lag, 1.0, s)
-    _, *phis = phi_functions(-inverse, most=4)
+    _, *phis = phi_functions(-inverse, highest=4)
     weights = [
         jnp.where(short_lag, recursive, inverse * math.factorial(j) * phi)
         for j, (recursive, phi) in enumerate(zip(psi, phis, strict=True))

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...models.integration import ToRows
+from ...models.integration import StepToRows
 from ..effects.equation_terms import ForcingData, Terms
 from .cells import Cells
 from .implicit_solver import DiagonallyImplicit
@@ -46,7 +46,7 @@ def simulate_nonlinear_wall(
     field = build_nonlinear_wall(wall, terms, forcing, diffusivity)
     times = jnp.arange(forcing.intervals + 1) * forcing.step
     if controller is None:
-        steps: diffrax.AbstractStepSizeController = ToRows(ts=times)
+        steps: diffrax.AbstractStepSizeController = StepToRows(ts=times)
         save, max_steps = diffrax.SaveAt(t0=True, steps=True), forcing.intervals
     else:
         steps, save, max_steps = controller, diffrax.SaveAt(ts=times), 256 * len(times)

@@ -5,19 +5,25 @@ from __future__ import annotations
 import jax
 from jaxtyping import Array, Float
 
-from ..exponential_solver import State, StepMap, times
+from ..exponential_solver import State, StepMap, thin_product
 from ..state_space import StateSpace
 
-FEW = 16  # states: below, sums are cheaper than products of thin matrices
+MAX_ORDER_FOR_SUMS = 16  # number of states up to which a sum is faster than a product of thin matrices
 
-Stretch = tuple[State, tuple[Array, Array | None]]
+SegmentResult = tuple[State, tuple[Array, Array | None]]
 """The state at the last row; u and theta at every row but the first, theta None without the sensitivity."""
 
 
-def run_row_by_row(system: StateSpace, exact: StepMap, state: State, inputs: Float[Array, "time input"]) -> Stretch:
-    """One row after the other: for any model."""
-    drives = exact.drive(inputs[:-1], inputs[1:])
-    state, (x, theta) = jax.lax.scan(lambda now, drive: (moved := exact.move(now, drive), moved), state, drives)
-    apply = times if system.order <= FEW else lambda matrix, rows: rows @ matrix.T
-    u = apply(system.C, x) + times(system.D, inputs[1:])
+def run_row_by_row(
+    system: StateSpace, exact: StepMap, state: State, inputs: Float[Array, "time input"]
+) -> SegmentResult:
+    """u and theta row by row, for any model: `x_k+1 = E x_k + W0 q_k + W1 q_k+1`, `u_k = C x_k + D q_k`."""
+
+    def step(state: State, input_terms: State) -> tuple[State, State]:
+        following = exact.next_state(state, input_terms)
+        return following, following
+
+    state, (x, theta) = jax.lax.scan(step, state, exact.input_terms(inputs[:-1], inputs[1:]))
+    apply = thin_product if system.order <= MAX_ORDER_FOR_SUMS else lambda matrix, rows: rows @ matrix.T
+    u = apply(system.C, x) + thin_product(system.D, inputs[1:])
     return state, (u, None if theta is None else apply(system.theta_outputs, theta))

@@ -14,7 +14,7 @@ def solve(residual, *, y0=(0.0, 0.0), eta=1e-12, lower=-20.0, upper=20.0, steps=
         jnp.asarray(eta),
         lower=jnp.asarray(lower),
         upper=jnp.asarray(upper),
-        longest_trace=steps,
+        max_iterations=steps,
     )
     return optx.least_squares(lambda y, _: residual(y), solver, jnp.asarray(y0), max_steps=None, throw=False)
 

@@ -15,7 +15,7 @@ from wallid.inference.nuisance_parameters import (
     LinearEffect,
     NuisanceKind,
     describe_instrument_error,
-    estimate_parameters,
+    window_parameters,
 )
 from wallid.inference.parameters import Parameter
 from wallid.models.sensitivity_equations import explicit
@@ -94,7 +94,7 @@ def test_one_compilation_serves_every_choice_of_what_is_estimated(monkeypatch):
 
 
 def test_names_say_what_a_parameter_is():
-    parameters = estimate_parameters(simulated(3), wallid.Window(0, interval.ROWS))
+    parameters = window_parameters(simulated(3), wallid.Window(0, interval.ROWS))
     assert parameters.names[0] == "log_diffusivity"
     assert parameters.of_kind("sensor_offset") == tuple(f"sensor_offset[T{k}]" for k in range(3))
     assert parameters.units[parameters.index("sensor_position[T2]")] == "m"

@@ -670,7 +670,7 @@ def test_the_london_wall(measured, tmp_path):
 
 
 def test_the_manual_shows_every_choice_with_its_default():
-    manual = (Path(__file__).parents[1] / "docs" / "how-to" / "case-file.md").read_text(encoding="utf-8")
+    manual = (Path(__file__).parents[2] / "docs" / "how-to" / "case-file.md").read_text(encoding="utf-8")
     block = next(part for part in manual.split("```") if part.startswith("toml") and "[choices]" in part)
     shown = tomllib.loads(block.removeprefix("toml"))["choices"]
     defaults = {field.name: field.default for field in fields(Choices)}

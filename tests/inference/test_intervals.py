@@ -10,23 +10,23 @@ from benchmarks.accuracy import ice, interval
 from benchmarks.reference.analytic_slab import temperatures
 from benchmarks.reference.synthetic_twins import slab_response
 from numpy.testing import assert_allclose
+from own_case import write_own
 from scipy.fft import dct
 from scipy.linalg import solve_banded, toeplitz
 from scipy.stats import kstest
-from test_cli import write_own
 from typer.testing import CliRunner
 
 import wallid
 from wallid.case.initial_profile import profile_degree, scales
 from wallid.cli.commands import app
 from wallid.estimation import conclusion as conclude
-from wallid.inference.noise_covariance import NoiseShape, bins_of, thinned
+from wallid.inference.noise_covariance import NoiseShape, bin_readings, restricted_to_reading_rows
 from wallid.inference.nuisance_parameters import wiener_filtered_noise
 from wallid.inference.position_errors import face_position_response
 from wallid.inference.validity import distinguishable_range
 from wallid.inference.whittle_likelihood import dct_spectrum, edge_spectrum
 from wallid.models.finite_volume_wall import Output, finite_volume_model
-from wallid.models.sensitivity_equations import run
+from wallid.models.sensitivity_equations import simulate_window
 from wallid.models.window_inputs import window_data
 
 STATED = {"noise": "stated"}
@@ -138,7 +138,9 @@ def test_what_a_faces_place_does_to_the_readings():
         fourier = jnp.asarray(scales(case).fourier_number(alpha) * (length / wall.length) ** 2)
         found = (
             data.temperature
-            * run(finite_volume_model(wall, moved, nodes=61, profile_degree=profile_degree(case)), fourier, data)[0]
+            * simulate_window(
+                finite_volume_model(wall, moved, nodes=61, profile_degree=profile_degree(case)), fourier, data
+            )[0]
         )
         return found.at[:, -1].multiply(length / wall.length)  # k over the length
 
@@ -204,12 +206,12 @@ def test_a_diffusivity_that_changes_in_the_window_is_not_relied_on(later):
     readings = by_steps(faces, course)[-interval.ROWS :] + 0.02 * rng.standard_normal((interval.ROWS, 3))
     fit = estimated(interval.case_of(interval.Errors(0.02, 0.005), faces[-interval.ROWS :], readings))
     assert fit.reliable == (later == 1.0)
-    assert ("another diffusivity at another time" in fit.reason) == (later != 1.0)
+    assert ("not constant over the window" in fit.reason) == (later != 1.0)
 
 
 def test_a_steady_diffusivity_is_called_unsteady_as_often_as_chance_says(monkeypatch):
     seen = []
-    monkeypatch.setattr(conclude, "why_unsteady", lambda fit: seen.append(fit.constancy_p_value) or "")
+    monkeypatch.setattr(conclude, "why_not_constant", lambda fit: seen.append(fit.constancy_p_value) or "")
     for kind in ("propagated", "correlated"):
         interval.many(kind, range(600, 630))
     assert len(seen) == 60
@@ -271,11 +273,11 @@ def test_readings_far_apart_are_thinned_and_not_taken_for_means():
     """A reading every 120 rows: the sensor's noise is that of one reading, the faces' that of 120."""
     present = np.zeros((2881, 2), bool)
     present[::120] = True
-    bins, apart = bins_of(present, np.zeros((2881, 2)))
-    assert apart == 120 and bins.rows == 120
+    bins, apart = bin_readings(present, np.zeros((2881, 2)))
+    assert apart == 120 and bins.rows_per_bin == 120
     response = np.full((2, 2881, 2), 1e-3)
-    thin, few = thinned(response, bins, apart)
-    R = NoiseShape(thin, few, np.array([0.1, 0.2]), 0.05).noise(1.0, 0.0, 0.5).covariance
+    thin, few = restricted_to_reading_rows(response, bins, apart)
+    R = NoiseShape(thin, few, np.array([0.1, 0.2]), 0.05).covariance_of(1.0, 0.0, 0.5).covariance
     assert R.shape == (50, 50)
     # the last reading sees the noise of all rows before, each with 1e-3, from two faces
     assert R[24, 24] == pytest.approx(0.1**2 + 2 * 2881 * (0.05 * 1e-3) ** 2, rel=0.05)
@@ -301,7 +303,7 @@ def test_the_range_that_a_window_can_tell():
         ("borehole_248", "2014-12-01", True, ""),
         ("borehole_248", "2014-12-15", True, ""),
         ("borehole_248", "2014-12-29", False, "would change T_1m by 0.03"),
-        ("borehole_248", "2015-01-12", False, "reaches the bound"),
+        ("borehole_248", "2015-01-12", False, "reaches a bound"),
         # what had been stirred up in the hole until the day before
         ("borehole_247", "2014-12-01", False, "times its stated standard deviation"),
     ],

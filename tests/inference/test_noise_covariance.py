@@ -9,10 +9,10 @@ import pytest
 from benchmarks.reference import simulator_with_effects as truth
 from numpy.testing import assert_allclose
 from scipy.linalg import toeplitz
-from studies import SPEC, prepare, vector
+from studies import SPEC, parameters_at, prepare
 
-from wallid.discrepancy.model_with_effects import Bins, predict
-from wallid.discrepancy.residual_noise import DiagnosisNoiseShape, Noise, estimate_noise
+from wallid.discrepancy.model_with_effects import BinnedReadings, predict
+from wallid.discrepancy.residual_noise import DiagnosisNoiseShape, NoiseCovariance, estimate_noise
 
 HOURLY = replace(
     SPEC, step=3600.0, days=12.0, positions=(0.04, 0.13), noise_std=0.05, boundary_noise_std=0.08, noise_seed=3
@@ -22,14 +22,14 @@ HOURLY = replace(
 @pytest.fixture(scope="module")
 def hourly(tmp_path_factory):
     study, _ = prepare(tmp_path_factory.mktemp("hourly"), HOURLY)
-    theta = vector(study, HOURLY.diffusivity)
-    return study, theta, DiagnosisNoiseShape(study, theta)
+    parameters = parameters_at(study, HOURLY.diffusivity)
+    return study, parameters, DiagnosisNoiseShape(study, parameters)
 
 
 def binned(study, rows, present=None):
     """The same study with its readings put together, or some of them missing."""
     here = np.asarray(study.bins.present) if present is None else present
-    return replace(study, bins=Bins(study.bins.observed * here, jnp.asarray(here, dtype=float), rows))
+    return replace(study, bins=BinnedReadings(study.bins.observed * here, jnp.asarray(here, dtype=float), rows))
 
 
 def dense(model, white, lasting, rho):
@@ -56,13 +56,13 @@ def means(present, rows):
 
 def test_an_error_of_a_face_answers_as_a_change_of_its_reading(hourly):
     """A straight line up to a row and down from it, added to the faces' courses anywhere, is the response moved."""
-    study, theta, model = hourly
+    study, parameters, model = hourly
     for face, row in ((0, 40), (1, 7)):
         faces = np.zeros(study.model.forcing.faces.shape)
         faces[row - 1, 1, face] = 1.0
         faces[row, :2, face] = 1.0, -1.0
         moved = eqx.tree_at(lambda m: m.forcing.faces, study.model, study.model.forcing.faces + faces)
-        change = np.asarray(predict(moved, jnp.asarray(theta), True) - predict(study.model, jnp.asarray(theta), True))
+        change = np.asarray(predict(moved, parameters, True) - predict(study.model, parameters, True))
         assert np.abs(change[:row]).max() < 1e-9
         assert_allclose(change[row:], model.response[face, : len(change) - row], rtol=0, atol=1e-9)
     # a lasting kelvin at both faces is a kelvin everywhere in the end
@@ -72,11 +72,11 @@ def test_an_error_of_a_face_answers_as_a_change_of_its_reading(hourly):
 def test_the_covariance_is_that_of_its_definition(hourly):
     *_, model = hourly
     sizes = (0.7, 0.5, 0.85)
-    found = model.noise(*sizes)
+    found = model.covariance_of(*sizes)
     want = dense(model, *sizes)
     assert_allclose(found.covariance, want, rtol=0, atol=1e-12 * want.max())
-    assert_allclose(found.whiten @ want @ found.whiten.T, np.eye(len(want)), rtol=0, atol=1e-9)
-    assert_allclose(found.floor, np.sqrt(np.diag(want).mean()), rtol=0.02), "but for the first rows"
+    assert_allclose(found.whitening @ want @ found.whitening.T, np.eye(len(want)), rtol=0, atol=1e-9)
+    assert_allclose(found.residual_rms, np.sqrt(np.diag(want).mean()), rtol=0.02), "but for the first rows"
 
 
 def test_the_covariance_is_that_of_drawn_noise(hourly):
@@ -92,8 +92,8 @@ def test_the_covariance_is_that_of_drawn_noise(hourly):
             own = 0.05 * truth.noise_course("mixed", rows, rng)
             through = sum(np.convolve(face[f], model.response[f, :, s])[:rows] for f in (0, 1))
             sample[k, s * rows : (s + 1) * rows] = own + through
-    found = model.noise(0.5, 0.5, 0.9)
-    white = sample @ found.whiten.T
+    found = model.covariance_of(0.5, 0.5, 0.9)
+    white = sample @ found.whitening.T
     assert_allclose((white**2).mean(), 1.0, atol=4 * np.sqrt(2 / sample.size))
     # slow directions, in which errors of the memory would show
     slow = np.array([np.cos(np.pi * k * (np.arange(sensors * rows) + 0.5) / (sensors * rows)) for k in range(8)])
@@ -103,42 +103,45 @@ def test_the_covariance_is_that_of_drawn_noise(hourly):
 
 def test_bins_have_the_covariance_of_means(hourly):
     """The faces' noise inside a bin is spread over it: the own noise is exact, the faces' within some percent."""
-    study, theta, model = hourly
+    study, parameters, model = hourly
     rows = 4
-    together = DiagnosisNoiseShape(binned(study, rows), theta)
+    together = DiagnosisNoiseShape(binned(study, rows), parameters)
     sizes = (0.3, 0.8, 0.9)
     M = means(np.asarray(study.bins.present), rows)
     want = M @ dense(model, *sizes) @ M.T
-    found = together.noise(*sizes)
+    found = together.covariance_of(*sizes)
     assert np.linalg.norm(found.covariance - want) < 0.05 * np.linalg.norm(want)
     ratio = np.diag(found.covariance) / np.diag(want)
     assert np.all(np.abs(ratio[5:] - 1) < 0.1)
-    assert_allclose(found.floor, model.noise(*sizes).floor, rtol=1e-6), "of the rows, whatever the bins"
+    (
+        assert_allclose(found.residual_rms, model.covariance_of(*sizes).residual_rms, rtol=1e-6),
+        "of the rows, whatever the bins",
+    )
 
 
 @pytest.mark.parametrize("rows", [1, 2, 5])
 @pytest.mark.parametrize("rho", [0.0, 0.6, 0.95])
 def test_the_autocovariance_of_means_of_an_autoregression(rows, rho):
     together = object.__new__(DiagnosisNoiseShape)
-    together.rows_per_bin, together.count = rows, 9
+    together.rows_per_bin, together.bin_count = rows, 9
     C = rho ** np.abs(np.subtract.outer(np.arange(9 * rows), np.arange(9 * rows)))
     M = np.kron(np.eye(9), np.full((1, rows), 1 / rows))
     assert_allclose(together.autocovariance(rho), (M @ C @ M.T)[0], rtol=1e-12, atol=1e-15)
 
 
 def test_missing_readings_neither_count_nor_tell(hourly):
-    study, theta, model = hourly
+    study, parameters, model = hourly
     rng = np.random.RandomState(5)
     present = (rng.uniform(size=study.bins.present.shape) > 0.3).astype(float)
     present[20:28, 0] = 0.0
-    found = DiagnosisNoiseShape(binned(study, 1, present), theta).noise(0.7, 0.5, 0.8)
+    found = DiagnosisNoiseShape(binned(study, 1, present), parameters).covariance_of(0.7, 0.5, 0.8)
     there, want = present.T.reshape(-1) > 0, dense(model, 0.7, 0.5, 0.8)
     assert_allclose(found.covariance[np.ix_(there, there)], want[np.ix_(there, there)], atol=1e-12 * want.max())
     assert_allclose(found.covariance[~there], np.eye(len(there))[~there])
-    assert_allclose(found.whiten @ found.covariance @ found.whiten.T, np.eye(len(there)), atol=1e-9)
+    assert_allclose(found.whitening @ found.covariance @ found.whitening.T, np.eye(len(there)), atol=1e-9)
     # a bin with fewer rows has more of the sensor's white noise; what of the faces' comes through is a whole bin's
     M = means(present, 4)
-    some = DiagnosisNoiseShape(binned(study, 4, present), theta).noise(0.7, 0.5, 0.8)
+    some = DiagnosisNoiseShape(binned(study, 4, present), parameters).covariance_of(0.7, 0.5, 0.8)
     gone = M.sum(axis=1) == 0
     assert gone.sum() >= 2
     assert_allclose(some.covariance[gone], np.eye(len(M))[gone])
@@ -203,6 +206,6 @@ def test_an_effect_along_a_known_direction_does_not_pass_for_noise(hourly):
 
 def test_the_noise_says_what_it_is():
     nothing = np.zeros((1, 1))
-    assert str(Noise(0.25, 0.0, 0.3, nothing, nothing, 0.1)) == "noise 0.50 times the stated"
-    lasting = str(Noise(0.5, 0.5, 0.9, nothing, nothing, 0.1))
+    assert str(NoiseCovariance(0.25, 0.0, 0.3, nothing, nothing, 0.1)) == "noise 0.50 times the stated"
+    lasting = str(NoiseCovariance(0.5, 0.5, 0.9, nothing, nothing, 0.1))
     assert "1.00 times" in lasting and "50 %" in lasting and "0.90" in lasting

@@ -5,6 +5,7 @@ import jsonschema
 import numpy as np
 import pandas as pd
 import pytest
+from own_case import write_own
 from pages import check
 from results import SCHEMA
 from typer.testing import CliRunner
@@ -69,38 +70,6 @@ def test_orders_that_are_no_numbers(command):
     assert wrong.exit_code == 2 and "--orders" in wrong.stderr
 
 
-def write_own(folder, rows=240, still=False, **changes):
-    """A small case of its own: eight hourly days of a wall with its parts replaced."""
-    rng = np.random.default_rng(3)
-    hours = np.arange(rows)
-    truth = wallid.load("saint_julien").record
-    columns = {"time": pd.date_range("2020-03-01", periods=rows, freq="h").strftime("%Y-%m-%dT%H:%M:%S")}
-    columns |= {"left": truth.faces[hours, 0], "right": truth.faces[hours, 1], "in": truth.sensors[hours, 1]}
-    if still:
-        columns |= {"left": np.full(rows, 15.0), "right": np.full(rows, 15.0), "in": 15 + rng.normal(0, 0.1, rows)}
-    frame = pd.DataFrame(columns | changes.pop("columns", {}))
-    frame.to_csv(folder / "record.csv", index=False)
-    text = """
-[wall]
-length = 0.43
-diffusivity_prior = 5e-7
-[record]
-file = "record.csv"
-time = "time"
-left = "left"
-right = "right"
-[[sensor]]
-name = "in"
-position = 0.23
-noise_std = 0.1
-"""
-    for old, new in changes.items():
-        assert old in text
-        text = text.replace(old, new)
-    (folder / "case.toml").write_text(text)
-    return folder / "case.toml"
-
-
 def test_a_case_of_ones_own(command, tmp_path):
     ended = command("run", write_own(tmp_path), "--json")
     assert ended.exit_code == 0
@@ -143,7 +112,7 @@ def test_an_inner_sensor_is_asked_for(command, tmp_path):
     path = write_own(tmp_path)
     text = path.read_text().split("[[sensor]]")[0].replace("[record]", '[record]\nflux_left = "in"')
     path.write_text(text)
-    # a flux alone can be estimated from and designed for (tests/test_flux.py), but what is missing is asked of sensors
+    # a flux alone can be used for an estimate and a design, but a diagnosis needs inner sensors
     ended = command("diagnose", path)
     assert ended.exit_code == 2 and "[[sensor]]" in ended.stderr
 

@@ -12,7 +12,7 @@ from benchmarks.reference.simulator_with_effects import DAY, HOUR
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from studies import SPEC, prepare, slot_of, vector
+from studies import SPEC, parameters_at, prepare, slot_of
 
 from wallid.discrepancy.effects import (
     LIBRARY,
@@ -52,7 +52,8 @@ from wallid.discrepancy.effects import (
 from wallid.discrepancy.effects.heat_sources import hours_signal
 from wallid.discrepancy.forward import build_cells
 from wallid.discrepancy.forward.response import simulate_readings
-from wallid.discrepancy.model_with_effects import ModelWithEffects, first_order_columns, linearise, predict
+from wallid.discrepancy.model_with_effects import first_order_columns, linearise, predict
+from wallid.discrepancy.problem import diagnosis_problem
 
 REGRESSORS = ("irradiance", "air_outdoor", "air_indoor", "heating", "rain")
 SETTLED = int(DAY / SPEC.step)
@@ -216,33 +217,39 @@ def test_each_effect_at_its_neutral_value_changes_no_term(campaign):
 def test_the_whole_library_at_its_neutral_values_is_the_plain_model(plain):
     """Whatever the places, times and temperatures of effects whose size is 0."""
     study, _ = plain
-    without = ModelWithEffects(study.model.forcing, (), study.model.log_prior, study.sensor_count, study.model.substeps)
-    theta = vector(study, 6e-7)
-    theta[1:5] = [0.4, -0.3, 0.2, 0.1]
-    short = jnp.asarray(theta[: study.face_positions.stop])
-    elsewhere = theta.copy()
-    for slot in study.library:
-        for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True):
-            if not parameter.is_size:
-                elsewhere[index] += 0.7 * parameter.scale
+    without = replace(study.model, effects=())
+    here = parameters_at(study, 6e-7).with_values(
+        {f"profile_mode[{k}]": (-1) ** k * 0.1 * (k - 5) for k in range(1, 5)}
+    )
+    elsewhere = here.with_values(
+        {
+            name: here[name] + 0.7 * parameter.scale
+            for slot in study.library
+            for name, parameter in zip(slot.names, slot.effect.parameters, strict=True)
+            if not parameter.is_size
+        }
+    )
     for linear in (True, False):
-        want = predict(without, short, linear)
-        for given_ in (theta, elsewhere):
-            assert_allclose(predict(study.model, jnp.asarray(given_), linear), want, rtol=0, atol=1e-12)
+        want = predict(without, here, linear)
+        for given_ in (here, elsewhere):
+            assert_allclose(predict(study.model, given_, linear), want, rtol=0, atol=1e-12)
 
 
 def test_how_deep_the_faces_sensors_sit_is_free_where_the_case_says_so(plain):
     study, _ = plain
-    as_effect, as_error = vector(study, 6e-7, [("face_depth", "left", {"depth": 0.004})]), vector(study, 6e-7)
-    as_error[study.face_positions[0]] = 0.004
+    as_effect, as_error = (
+        parameters_at(study, 6e-7, [("face_depth", "left", {"depth": 0.004})]),
+        parameters_at(study, 6e-7),
+    )
+    left, right = faces = study.parameters.of_kind("face_position")
+    as_error = as_error.with_values({left: 0.004})
     assert_array_equal(predict(study.model, as_error, True), predict(study.model, as_effect, True))
-    assert not set(study.face_positions) & set(study.estimated_indices(()))
-    uncertain = replace(study, record=replace(study.record, face_position_std=0.002))
-    assert set(uncertain.face_positions) <= set(uncertain.estimated_indices(()))
-    assert_array_equal(uncertain.prior_std[list(uncertain.face_positions)], 0.002)
+    assert not set(faces) & set(study.estimated_names(()))
+    uncertain = diagnosis_problem(replace(study.case, record=replace(study.case.record, face_position_std=0.002)))
+    assert set(faces) <= set(uncertain.estimated_names(()))
+    assert_array_equal(uncertain.parameters.prior_std[uncertain.parameters.indices(faces)], 0.002)
     effect = slot_of(study, "face_depth", "left")
-    left, right = uncertain.face_positions
-    assert left not in uncertain.estimated_indices((effect,)) and right in uncertain.estimated_indices((effect,))
+    assert left not in uncertain.estimated_names((effect,)) and right in uncertain.estimated_names((effect,))
 
 
 # ------------------------------------------------------------------------------------------------------ the physics
@@ -299,7 +306,7 @@ def simulated(folder, effects):
     readings = np.stack([true["readings"][name] for name in SPEC.names], axis=1)
 
     def remainder(*given_):
-        return (readings - predict(study.model, vector(study, true["diffusivity"], given_), linear))[SETTLED:]
+        return (readings - predict(study.model, parameters_at(study, true["diffusivity"], given_), linear))[SETTLED:]
 
     return remainder(*effects), remainder(), linear
 
@@ -309,8 +316,8 @@ def own(plain):
     """What parts the two plain models, by whether the package's goes through its exact or its stepped solver."""
     study, true = plain
     readings = np.stack([true["readings"][name] for name in SPEC.names], axis=1)
-    theta = vector(study, true["diffusivity"])
-    found = {linear: (readings - predict(study.model, theta, linear))[SETTLED:] for linear in (True, False)}
+    parameters = parameters_at(study, true["diffusivity"])
+    found = {linear: (readings - predict(study.model, parameters, linear))[SETTLED:] for linear in (True, False)}
     assert np.abs(found[True]).max() < 3e-4 and np.abs(found[False]).max() < 1e-3
     return found
 
@@ -380,10 +387,9 @@ def test_the_heating_column_times_the_rate_is_a_source(plain):
         T = advance @ T + enter * 0.5 * (level[i] + level[i + 1])
     want = np.array(course)[:: round(spec.step / step)][SETTLED:]
     (slot,) = (slot for slot in study.library if slot.effect.variant == "with the heating")
-    theta = vector(study, spec.diffusivity)
-    with_source = theta.copy()
-    with_source[slot.size_index] = rate
-    got = (predict(study.model, with_source, True) - predict(study.model, theta, True))[SETTLED:]
+    parameters = parameters_at(study, spec.diffusivity)
+    with_source = parameters.with_values({slot.names[0]: rate})
+    got = (predict(study.model, with_source, True) - predict(study.model, parameters, True))[SETTLED:]
     assert rms(got - want) < 2 * SMOOTH * rms(want), "the column is known at its rows only"
 
 
@@ -501,15 +507,11 @@ def test_effects_compose_in_any_order(campaign, effects, random):
 def test_the_order_of_the_library_does_not_matter(plain):
     """The whole of it, each effect at a fifth of its typical size, forward and backward."""
     study, _ = plain
-    theta = sized(study, 0.2)
+    parameters = sized(study, 0.2)
     backward = tuple(reversed(study.model.effects))
     turned = eqx.tree_at(lambda model: model.effects, study.model, backward)
-    parts = [
-        theta[: study.library[0].size_index],
-        *(theta[list(slot.indices)] for slot in reversed(study.library)),
-    ]
-    one, other = predict(study.model, theta, True), predict(turned, np.concatenate(parts), True)
-    assert rms(one - predict(study.model, study.neutral, True)) > 0.05
+    one, other = predict(study.model, parameters, True), predict(turned, parameters, True)
+    assert rms(one - predict(study.model, study.parameters, True)) > 0.05
     assert_allclose(other, one, rtol=0, atol=1e-9)
 
 
@@ -530,21 +532,21 @@ def test_two_effects_of_a_kind_add_up(campaign):
 
 def sized(study, share):
     """Every effect at this share of its typical size, places and hours off the nodes and the rows."""
-    theta = vector(study, 7e-7)
-    theta[list(study.profile)[:3]] = [0.5, -0.2, 0.1]
+    values = {"profile_mode[1]": 0.5, "profile_mode[2]": -0.2, "profile_mode[3]": 0.1}
     where = {"interface": 0.0853, "place": 0.1127, "temperature": 8.3, "start": 6.53, "end": 13.21}
     where |= {"time_constant": 0.9 * DAY, "time": 0.7131 * DAY}
     for slot in study.library:
-        for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True):
-            theta[index] = share * parameter.scale if parameter.is_size else where[parameter.name]
-    return theta
+        for name, parameter in zip(slot.names, slot.effect.parameters, strict=True):
+            values[name] = share * parameter.scale if parameter.is_size else where[parameter.name]
+    return parameters_at(study, 7e-7).with_values(values)
 
 
-def difference(study, theta, direction, step, linear, *, sided=False):
+def difference(study, parameters, name, step, linear, *, sided=False):
     """The binned predictions' derivative by differences of second order."""
 
     def at(size):
-        return np.asarray(study.bins.mean(predict(study.model, theta + size * direction, linear)))
+        moved = parameters.with_values({name: parameters[name] + size})
+        return np.asarray(study.bins.mean(predict(study.model, moved, linear)))
 
     if sided:
         return (4 * at(step) - 3 * at(0.0) - at(2 * step)) / (2 * step)
@@ -554,21 +556,17 @@ def difference(study, theta, direction, step, linear, *, sided=False):
 def test_every_parameter_has_its_derivative(plain):
     """Against central differences, all effects in; their error is the step's square and the round-off over it."""
     study, _ = plain
-    theta = sized(study, 0.3)
-    names = {
-        index: f"{study.label(slot.effect)}: {parameter.name}"
-        for slot in study.library
-        for index, parameter in zip(slot.indices, slot.effect.parameters, strict=True)
-    }
-    chosen = [0, 1, 4, study.positions[1], study.offsets[2], *names]
-    directions = np.eye(study.parameter_count)[chosen]
-    value, slopes = linearise(study.model, study.bins, theta, directions, linear=False)
-    assert_allclose(value, predict(study.model, theta, False), rtol=0, atol=1e-10)
-    for index, direction, slope in zip(chosen, directions, slopes, strict=True):
-        step = 2e-4 * (study.scale[index] or 0.1)
-        want = difference(study, theta, direction, step, False)
+    parameters = sized(study, 0.3)
+    chosen = ["log_diffusivity", "profile_mode[1]", "profile_mode[4]", "sensor_position[T2]", "sensor_offset[T3]"]
+    chosen += [name for slot in study.library for name in slot.names]
+    value, slopes = linearise(study.model, study.bins, parameters, chosen, linear=False)
+    assert_allclose(value, predict(study.model, parameters, False), rtol=0, atol=1e-10)
+    for name, slope in zip(chosen, slopes, strict=True):
+        index = study.parameters.index(name)
+        step = 2e-4 * (float(study.parameters.scale[index]) if study.parameters.prior_std[index] > 0 else 0.1)
+        want = difference(study, parameters, name, step, False)
         error = np.linalg.norm(slope - want)
-        assert error < 1e-5 * np.linalg.norm(want) + 1e-9 / step, names.get(index, index)
+        assert error < 1e-5 * np.linalg.norm(want) + 1e-9 / step, name
 
 
 def test_the_first_order_of_every_effect(plain):
@@ -578,24 +576,23 @@ def test_the_first_order_of_every_effect(plain):
     source that is a straight line between rows.
     """
     study, _ = plain
-    theta = sized(study, 0.0)
-    linear = vector(study, 7e-7, [*JOINED[:2], BLOWN[1]])
+    parameters = sized(study, 0.0)
+    linear = parameters_at(study, 7e-7, [*JOINED[:2], BLOWN[1]])
+    places = parameters
     for slot in study.library:
         if slot.effect.linear:
-            theta[list(slot.indices)] = linear[list(slot.indices)]
-    slots = [slot for slot in study.library if theta[slot.size_index] == 0.0]
+            parameters = parameters.with_values({name: linear[name] for name in slot.names})
+    slots = [slot for slot in study.library if parameters[slot.names[0]] == 0.0]
     assert len(slots) > len(study.library) - 4
-    thetas = np.repeat(theta[None], len(slots), axis=0)
-    places = sized(study, 0.0)
-    for slot, row in zip(slots, thetas, strict=True):
-        row[list(slot.indices)] = places[list(slot.indices)]
-    directions = np.eye(study.parameter_count)[[slot.size_index for slot in slots]]
-    found = first_order_columns(study.model, study.bins, theta, thetas, directions)
-    for slot, row, direction, column in zip(slots, thetas, directions, found, strict=True):
+    points = [{name: float(places[name]) for name in slot.names} for slot in slots]
+    candidates = [(slot.names[0], point) for slot, point in zip(slots, points, strict=True)]
+    found = first_order_columns(study.model, study.bins, parameters, candidates)
+    for slot, point, column in zip(slots, points, found, strict=True):
         parameter = slot.effect.parameters[0]
         sided = parameter.lower == 0.0
         step = (1e-3 if slot.effect.linear else 1e-2) * parameter.scale
-        want = difference(study, row, direction, step, slot.effect.linear, sided=sided)
+        at = parameters.with_values(point)
+        want = difference(study, at, slot.names[0], step, slot.effect.linear, sided=sided)
         # without the first six hours: a straight start bends within seconds, which lines of 10 min make too much of
         column, want = (part.reshape(study.sensor_count, -1)[:, 36:] for part in (column, want))
         assert np.linalg.norm(column - want) < 6e-3 * np.linalg.norm(want) + 1e-9 / step, study.label(slot.effect)

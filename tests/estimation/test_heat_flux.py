@@ -25,8 +25,7 @@ from wallid.estimation.iso_9869 import average_method
 from wallid.inference.generalised_least_squares import fit_generalised_least_squares
 from wallid.inference.nuisance_parameters import wiener_filtered_noise
 from wallid.inference.validity import distinguishable_range
-from wallid.models.flux_plates import untold_rows
-from wallid.models.plate_model import full_order_model_with_plates
+from wallid.models.flux_plates import full_order_model_with_plates, uninformative_rows
 
 LENGTH, CONDUCTIVITY, CAPACITY = 0.3, 0.75, 1.5e6
 R, C = LENGTH / CONDUCTIVITY, LENGTH * CAPACITY
@@ -281,7 +280,7 @@ def bound(case, *, sensors, full):
             G = np.concatenate([toeplitz(column, np.zeros(len(t))) for column in answer.T])
             V += FACE**2 * G @ G.T
     there = np.isfinite(np.column_stack([record.sensors, *record.regressors.values()]))
-    there[: untold_rows(case, ROWS, STEP), 1:] = False
+    there[: uninformative_rows(case, ROWS, STEP), 1:] = False
     there[:, 0] &= sensors
     kept = there.T.ravel()
     columns = constants.transpose(1, 0, 2).reshape(len(kept), -1)[kept]

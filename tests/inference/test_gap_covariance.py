@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 import wallid
 from wallid.inference.gap_covariance import gap_errors
 from wallid.inference.likelihood import face_response
-from wallid.inference.noise_covariance import Bins, NoiseShape, thinned
+from wallid.inference.noise_covariance import BinnedReadings, NoiseShape, restricted_to_reading_rows
 
 ROWS, PLACES, RATE = (
     interval.ROWS,
@@ -50,20 +50,23 @@ def response():
 
 
 def model_of(response, fill, present, bin_rows=1, apart=1):
-    bins = Bins(jnp.zeros((ROWS, 3)), jnp.asarray(present, dtype=float), bin_rows)
+    bins = BinnedReadings(jnp.zeros((ROWS, 3)), jnp.asarray(present, dtype=float), bin_rows)
     gaps = gap_errors(fill, FACE, response, bins)
-    response, bins = thinned(response, bins, apart)
+    response, bins = restricted_to_reading_rows(response, bins, apart)
     return NoiseShape(response, bins, np.full(3, SENSOR), FACE, gaps=gaps)
 
 
 def test_each_gap_is_one_error_that_goes_through_the_wall(response, fill):
-    found = gap_errors(fill, FACE, response, Bins(jnp.zeros((ROWS, 3)), jnp.ones((ROWS, 3)), 1))
+    found = gap_errors(fill, FACE, response, BinnedReadings(jnp.zeros((ROWS, 3)), jnp.ones((ROWS, 3)), 1))
     assert found.shape == (3, 3 * ROWS)
     bows = (bow(10, 6, 0.3), 0), (bow(40, 9, 0.5), 0), (bow(12, 5, 0.4), 1)
     for gap, (course, side) in zip(found, bows, strict=True):
         want = through(np.stack([course, np.zeros(ROWS)] if side == 0 else [np.zeros(ROWS), course], axis=1))
         assert_allclose(gap.reshape(3, ROWS).T, want, atol=2e-3 * np.abs(want).max())
-    assert gap_errors(None, FACE, response, Bins(jnp.zeros((ROWS, 3)), jnp.ones((ROWS, 3)), 1)).shape == (0, 3 * ROWS)
+    assert gap_errors(None, FACE, response, BinnedReadings(jnp.zeros((ROWS, 3)), jnp.ones((ROWS, 3)), 1)).shape == (
+        0,
+        3 * ROWS,
+    )
 
 
 def draws(fill, count, rng):
@@ -86,21 +89,21 @@ def test_the_covariance_is_that_of_drawn_gaps(response, fill):
     second = every & (np.arange(ROWS) % 2 == 0)[:, None]
     for present, rows, apart in ((every, 1, 1), (some, 1, 1), (every, 3, 1), (second, 2, 2)):
         model = model_of(response, fill, present, rows, apart)
-        bins = Bins(jnp.zeros((ROWS, 3)), jnp.asarray(present, dtype=float), rows)
+        bins = BinnedReadings(jnp.zeros((ROWS, 3)), jnp.asarray(present, dtype=float), rows)
         binned = np.stack([np.asarray(bins.mean(jnp.asarray(one))) for one in sample])
-        noise = model.noise(1.0, 0.0, 0.5)
+        noise = model.covariance_of(1.0, 0.0, 0.5)
         there = model.counts.T.reshape(-1) > 0
-        along = model.gaps[:, there] / np.linalg.norm(model.gaps[:, there], axis=1)[:, None]
+        along = model.gap_errors[:, there] / np.linalg.norm(model.gap_errors[:, there], axis=1)[:, None]
         want = np.einsum("gi,ij,gj->g", along, noise.covariance[np.ix_(there, there)], along)
         assert_allclose(((binned[:, there] @ along.T) ** 2).mean(axis=0), want, rtol=4 * np.sqrt(2 / 800))
-        white = (binned @ noise.whiten.T)[:, there]
+        white = (binned @ noise.whitening.T)[:, there]
         tolerance = 4 * np.sqrt(2 / white.size) + (0.03 if rows > 1 else 0.0)  # the faces' noise is spread over a bin
         assert_allclose((white**2).mean(), 1.0, atol=tolerance)
-        without = NoiseShape(model.response, model.bins, model.sensor_std, FACE).noise(1.0, 0.0, 0.5)
-        assert ((binned @ without.whiten.T)[:, there] ** 2).mean() > 1.2, "a covariance that forgets them"
+        without = NoiseShape(model.response, model.bins, model.sensor_std, FACE).covariance_of(1.0, 0.0, 0.5)
+        assert ((binned @ without.whitening.T)[:, there] ** 2).mean() > 1.2, "a covariance that forgets them"
         if rows == 1:
             size = np.sqrt((sample**2)[:, present].mean())
-            assert noise.floor == pytest.approx(size, rel=0.05)
+            assert noise.residual_rms == pytest.approx(size, rel=0.05)
 
 
 def test_a_walk_over_a_gap_is_no_larger_than_its_bow(response):
@@ -112,7 +115,9 @@ def test_a_walk_over_a_gap_is_no_larger_than_its_bow(response):
     std = 0.1 * np.sqrt(j * (rows + 1 - j) / (rows + 1))
     fill = np.zeros((ROWS, 2))
     fill[at : at + rows, 0] = std
-    gap = gap_errors(fill, 0.0, response, Bins(jnp.zeros((ROWS, 3)), jnp.ones((ROWS, 3)), 1))[0].reshape(3, ROWS)
+    gap = gap_errors(fill, 0.0, response, BinnedReadings(jnp.zeros((ROWS, 3)), jnp.ones((ROWS, 3)), 1))[0].reshape(
+        3, ROWS
+    )
     made = np.zeros((600, ROWS, 3))
     for k, bridge in enumerate(bridges):
         error = np.zeros((ROWS, 2))

@@ -38,8 +38,8 @@ class Ranked:
     def __init__(self, folder):
         whole, _ = prepare(folder, HOURLY)
         self.study = trimmed(whole, lambda effect: effect.target in (None, 1, "left", "outdoor"))
-        start = self.study.neutral
-        self.noise = DiagnosisNoiseShape(self.study, start).noise(1.0, 0.0, 0.8)
+        start = self.study.parameters
+        self.noise = DiagnosisNoiseShape(self.study, start).covariance_of(1.0, 0.0, 0.8)
         self.base = refit(self.study, (), start, self.noise)
         self.outlook = candidate_jacobian(self.study, self.base)
         self.screen = score_candidates(self.base, self.outlook, np.random.default_rng(0))
@@ -51,7 +51,7 @@ class Ranked:
             for candidate, z in zip(self.outlook.candidates, self.outlook.columns, strict=True)
             if candidate is self.screen.candidates[place]
         )
-        return np.concatenate([self.noise.whiten @ column, np.zeros(len(self.base.residual) - len(column))])
+        return np.concatenate([self.noise.whitening @ column, np.zeros(len(self.base.residual) - len(column))])
 
     def least_squares(self, places):
         """The drop by these candidates with everything free refitted, their sizes and the moves of the others."""
@@ -85,10 +85,11 @@ def test_the_plain_fit_ends_at_its_minimum(ranked):
     assert fit.converged
     slope = fit.jacobian.T @ fit.residual / np.linalg.norm(fit.jacobian, axis=0)
     assert np.linalg.norm(slope) < 0.1  # the square is what a step would still bring: under 0.01
-    assert len(fit.estimated_indices) == 1 + 8 + 2 and not fit.at_bound
+    free = fit.parameters.estimated_names
+    assert len(free) == 1 + 8 + 2 and not fit.at_bound
     assert_allclose(
-        fit.residual[-len(fit.estimated_indices) :],
-        -fit.theta[fit.estimated_indices] / fit.problem.prior_std[fit.estimated_indices],
+        fit.residual[-len(free) :],
+        -fit.parameters.flatten() / fit.parameters.prior_std[fit.parameters.indices(free)],
     )
 
 
@@ -107,14 +108,14 @@ def test_the_gain_of_an_offset_is_that_of_the_refit(ranked):
     slot = slot_of(ranked.study, "sensor_offset", "T2")
     place = ranked.place("sensor_offset", "T2")
     size, moves = ranked.screen.joint_prediction((place,))
-    theta = ranked.base.theta.copy()
-    theta[slot.size_index] = size[0]
-    fit = refit(ranked.study, (slot,), theta, ranked.noise, step=np.append(moves, 0.0))
+    (name,) = slot.names
+    start = ranked.base.parameters.with_values({name: size[0]})
+    fit = refit(ranked.study, (slot,), start, ranked.noise, step=moves)
     drop = ranked.base.cost - fit.cost
     assert fit.converged and drop > 100
     assert_allclose(drop, ranked.screen.gain[place], rtol=0.02)
-    assert abs(fit.theta[slot.size_index] - OFFSET) < 4 * fit.std(slot.size_index)
-    assert abs(fit.theta[slot.size_index] - ranked.screen.size[place]) < fit.std(slot.size_index)
+    assert abs(fit.parameters[name] - OFFSET) < 4 * fit.std(name)
+    assert abs(fit.parameters[name] - ranked.screen.size[place]) < fit.std(name)
     assert abs(np.log(fit.diffusivity / HOURLY.diffusivity)) < 4 * fit.log_std
     low, high = fit.interval_95
     assert_allclose([low * high, np.log(high / low)], [fit.diffusivity**2, 2 * 1.959964 * fit.log_std], rtol=1e-6)
@@ -158,7 +159,7 @@ def made_up(ranked, columns, names=("sensor_offset", "sensor_gain", "sensor_drif
 
 def test_what_the_record_cannot_tell_apart_is_no_pair(ranked):
     rng = np.random.default_rng(2)
-    first, second = rng.standard_normal((2, len(ranked.noise.whiten)))
+    first, second = rng.standard_normal((2, len(ranked.noise.whitening)))
     found = made_up(ranked, [first, -2.5 * first, second])
     assert_allclose(found.cosine[0, 1], -1.0)
     assert_allclose(found.gain[0], found.gain[1], rtol=1e-9)
@@ -170,8 +171,8 @@ def test_what_the_record_cannot_tell_apart_is_no_pair(ranked):
 
 def test_what_is_free_already_is_not_seen(ranked):
     """A derivative that the free parameters without a prior make up is left out."""
-    seen = np.random.default_rng(3).standard_normal(len(ranked.noise.whiten))
-    own = np.linalg.solve(ranked.noise.whiten, ranked.base.jacobian[: len(seen), 0])
+    seen = np.random.default_rng(3).standard_normal(len(ranked.noise.whitening))
+    own = np.linalg.solve(ranked.noise.whitening, ranked.base.jacobian[: len(seen), 0])
     found = made_up(ranked, [own, seen, np.zeros_like(seen)])
     assert [c.effect_parameters.effect.name for c in found.candidates] == ["sensor_gain"]
 
@@ -198,7 +199,7 @@ def test_p_values_fall_with_the_gain_and_know_the_largest_of_many(ranked):
     for level in (0.05, 0.01):
         assert found.p_value(found.threshold(level)) == pytest.approx(level, abs=2e-3)
     assert found.pair_threshold(0.05) > found.threshold(0.05) > 3.84, "more than a single test's"
-    alone = made_up(ranked, [np.random.default_rng(3).standard_normal(len(ranked.noise.whiten))])
+    alone = made_up(ranked, [np.random.default_rng(3).standard_normal(len(ranked.noise.whitening))])
     assert alone.threshold(0.05) == pytest.approx(3.84, abs=0.6)  # chi-square of one; 4 sigma of 2000 draws
 
 
@@ -208,8 +209,8 @@ def test_p_values_fall_with_the_gain_and_know_the_largest_of_many(ranked):
 def drawn(ranked, rng):
     """The residual of a fit whose readings have the noise's own covariance and nothing else."""
     fit, noise = ranked.base, ranked.noise
-    error = noise.whiten @ (np.linalg.cholesky(noise.covariance) @ rng.standard_normal(len(noise.whiten)))
-    whole = np.concatenate([error, rng.standard_normal(len(fit.estimated_indices))])
+    error = noise.whitening @ (np.linalg.cholesky(noise.covariance) @ rng.standard_normal(len(noise.whitening)))
+    whole = np.concatenate([error, rng.standard_normal(fit.jacobian.shape[1])])
     J = fit.jacobian / np.linalg.norm(fit.jacobian, axis=0)
     return whole - J @ np.linalg.lstsq(J, whole, rcond=None)[0]
 
@@ -219,10 +220,10 @@ def test_the_omnibus_test_is_fair_and_sees_a_slow_wave(ranked):
     found = [run_residual_tests(replace(ranked.base, residual=drawn(ranked, rng))) for _ in range(120)]
     p = [rest.p_value for rest in found]
     assert kstest(p, "uniform").pvalue > 1e-3
-    bins = len(ranked.noise.whiten) // 2
+    bins = len(ranked.noise.whitening) // 2
     wave = np.concatenate([0.05 * np.sin(4 * np.pi * np.arange(bins) / bins), np.zeros(bins)])
     residual = drawn(ranked, rng)
-    residual[: 2 * bins] += ranked.noise.whiten @ wave
+    residual[: 2 * bins] += ranked.noise.whitening @ wave
     slow = run_residual_tests(replace(ranked.base, residual=residual))
     assert slow.p_value < 1e-4
     assert np.corrcoef(slow.smooth_residual[:, 0], wave[:bins])[0, 1] > 0.8, "the wave itself"
@@ -230,11 +231,11 @@ def test_the_omnibus_test_is_fair_and_sees_a_slow_wave(ranked):
 
 def test_the_omnibus_tests_see_a_diffusivity_that_comes_and_goes(ranked):
     """Every two days, in both sensors at once, and in none of the slow shapes of one sensor."""
-    rng, bins = np.random.default_rng(8), len(ranked.noise.whiten) // 2
+    rng, bins = np.random.default_rng(8), len(ranked.noise.whitening) // 2
     sensitivity = ranked.base.unwhitened()[0][:, 0]
     days = np.tile((np.arange(bins) + 0.5) / 24, 2)
     residual = drawn(ranked, rng)
-    residual[: 2 * bins] += ranked.noise.whiten @ (0.15 * sensitivity * np.sin(np.pi * days))
+    residual[: 2 * bins] += ranked.noise.whitening @ (0.15 * sensitivity * np.sin(np.pi * days))
     assert run_residual_tests(replace(ranked.base, residual=residual)).p_value < 1e-3
 
 
@@ -311,7 +312,7 @@ def test_a_short_record_holds_nothing_out():
 
 def test_the_gap_on_days_held_out_shrinks_with_the_offset_in(ranked):
     slot = slot_of(ranked.study, "sensor_offset", "T2")
-    after = refit(ranked.study, (slot,), ranked.base.theta, ranked.noise)
+    after = refit(ranked.study, (slot,), ranked.base.parameters, ranked.noise)
     gap = cross_validate(ranked.base, after)
     assert gap.before > gap.after and gap.held_out_before > 1.2 * gap.held_out_after
     # readings 0.05 K each, and what passes of the faces' 0.03 K; 384 of them, 4 sigma
@@ -329,11 +330,11 @@ def test_the_gap_on_days_held_out_shrinks_with_the_offset_in(ranked):
 
 def test_an_effect_that_comes_and_goes_shows_by_window(ranked):
     slot = slot_of(ranked.study, "sensor_offset", "T2")
-    after = refit(ranked.study, (slot,), ranked.base.theta, ranked.noise)
-    bins = len(ranked.noise.whiten) // 2
+    after = refit(ranked.study, (slot,), ranked.base.parameters, ranked.noise)
+    bins = len(ranked.noise.whitening) // 2
     half = np.concatenate([np.zeros(bins), 0.2 * (np.arange(bins) > bins / 2) - 0.1])
     residual = after.residual.copy()
-    residual[: 2 * bins] += ranked.noise.whiten @ half
+    residual[: 2 * bins] += ranked.noise.whitening @ half
     found = effect_by_window(replace(after, residual=residual), slot)
     assert found.p_value < 1e-4
     assert found.size[2:].mean() - found.size[:2].mean() > 0.1

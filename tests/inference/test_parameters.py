@@ -47,10 +47,10 @@ def test_a_typical_size_is_the_priors_where_none_is_said():
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ([OFFSET, OFFSET], "stands twice"),
+        ([OFFSET, OFFSET], "occurs twice"),
         ([Parameter("a", value=2.0, upper=1.0)], "outside"),
-        ([Parameter("a", prior_std=-1.0)], "must not be below 0"),
-        ([Parameter("a", prior_std=float("nan"))], "must not be below 0"),
+        ([Parameter("a", prior_std=-1.0)], "must be 0 or above"),
+        ([Parameter("a", prior_std=float("nan"))], "must be 0 or above"),
     ],
 )
 def test_what_makes_no_sense_is_refused(wrong, message):

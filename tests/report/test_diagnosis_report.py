@@ -8,11 +8,11 @@ import jsonschema
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from axes import check_complete
 from benchmarks.reference.simulator_with_effects import Spec, write_case
 from matplotlib.text import Text
 from pages import check
 from results import DIAGNOSIS, SCHEMA
-from test_plot import check_complete
 from typer.testing import CliRunner
 
 import wallid
@@ -194,7 +194,7 @@ def test_the_noise_expected_is_that_of_the_covariance(explanation):
     """Rows were not binned here: the fit's own covariance, taken to frequencies, gives the same shares."""
     fit = explanation.before
     rows, assumed = fit.problem.record.rows, remainder.expected_cumulative_power(fit)
-    assert fit.problem.bins.rows == 1
+    assert fit.problem.bins.rows_per_bin == 1
     wave = np.exp(-2j * np.pi * np.outer(np.arange(1, (rows + 1) // 2), np.arange(rows)) / rows)
     for s in range(fit.problem.sensor_count):
         own = slice(s * rows, (s + 1) * rows)

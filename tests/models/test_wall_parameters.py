@@ -190,7 +190,7 @@ def test_the_collinearity_index_is_that_of_differences():
     assert_allclose(found.singular_values, np.linalg.svd(S, compute_uv=False), rtol=0.02)
     for subset, index in found.collinearity.items():
         assert index == pytest.approx(collinearity_index(S[:, list(subset)]), rel=0.02)
-    assert len(found.collinearity) == 4 and found.worst == max(found.collinearity.values())
+    assert len(found.collinearity) == 4 and found.overall_collinearity == max(found.collinearity.values())
 
 
 def test_collinearity_of_known_matrices():
@@ -209,10 +209,10 @@ def test_what_cannot_be_told_is_said(found):
     index = {pair: collinearity_index(J[:, list(pair)]) for pair in [*combinations(range(3), 2), (0, 1, 2)]}
     names = ("the diffusivity", "the offset of T1", "the film of the left face")
     left = np.array([np.nan, 0.99, 0.2])
-    close = replace(found.identifiability, names=names, collinearity=index, left=left)
-    assert close.confused == [(0, 2)]
+    close = replace(found.identifiability, names=names, collinearity=index, posterior_prior_ratio=left)
+    assert close.collinear_subsets == [(0, 2)]
     assert "the diffusivity and the film of the left face cannot be distinguished by the readings alone" in str(close)
-    assert "for the offset of T1 the record gives hardly more than the prior" in str(close)
+    assert "for the offset of T1 the record adds hardly any information to the prior" in str(close)
 
 
 def test_what_cannot_be_free_is_named():

@@ -65,11 +65,9 @@ def test_nothing_is_missing_from_a_wall_from_which_nothing_is(explained, noise):
     assert replace(found, gap=replace(found.gap, held_out_after=3 * found.gap.noise_floor)).verdict == "unnamed"
     assert all(np.isfinite(size) and size > 0 for size in found.smallest_detectable().values())
     slot = next(slot for slot in found.problem.library if slot.effect.name == "solar_gain")
-    small = refit(found.problem, (slot,), found.before.theta, found.before.noise)
-    theta = small.theta.copy()
-    theta[0] += 0.2
-    theta[slot.size_index] = 1.0
-    large = replace(small, theta=theta, cost=found.before.cost - 1000)
+    small = refit(found.problem, (slot,), found.before.parameters, found.before.noise)
+    far = {"log_diffusivity": small.parameters["log_diffusivity"] + 0.2, slot.names[0]: 1.0}
+    large = replace(small, parameters=small.parameters.with_values(far), cost=found.before.cost - 1000)
     for fit, verdict in ((large, "unnamed"), (replace(large, cost=found.before.cost - 1), "adequate")):
         doubted = replace(found, trials=(Trial(found.before, fit, 1000.0, "predicts days held out no better"),))
         assert doubted.verdict == verdict
@@ -124,15 +122,13 @@ def test_a_source_found_everywhere_is_tried_at_a_place_at_its_hours(explained):
         next(slot for slot in study.library if slot.effect.name == "heat_source" and slot.effect.variant == variant)
         for variant in ("hourly", "placed, hourly")
     )
-    begun = dict(zip((p.name for p in everywhere.effect.parameters), everywhere.indices, strict=True))
-    theta = plain.theta.copy()
-    theta[begun["start"]], theta[begun["end"]] = 7.0, 13.0
-    wrong = refit(study, (everywhere,), theta, plain.noise)
+    hours = {everywhere.full_names["start"]: 7.0, everywhere.full_names["end"]: 13.0}
+    wrong = refit(study, (everywhere,), plain.parameters.with_values(hours), plain.noise)
     tried = StepwiseSelection(study)._other_forms(wrong, everywhere, plain)
     best = min(tried, key=lambda fit: fit.cost)
     assert best.active == (placed,)
     assert best.cost < wrong.cost - 1000
-    assert dict(zip((p.name for p in placed.effect.parameters), best.theta[list(placed.indices)], strict=True)) == (
+    assert placed.values(best.parameters) == (
         pytest.approx({"rate": -4e-4, "place": 0.3, "start": 7.0, "end": 13.0}, rel=0.1)
     )
 
@@ -256,8 +252,8 @@ def test_no_name_stands_beside_what_it_does_not_explain(explained):
 def test_a_prediction_beyond_the_models_reach_is_left_for_the_neutral_start(explained):
     found, _ = explained(("solar_gain", "left", {"gain": 0.004}))
     study, (slot,) = found.problem, found.after.active
-    step = np.full(len(study.estimated_indices((slot,))), np.nan)
-    again = refit(study, (slot,), found.before.theta, found.after.noise, step=step)
+    step = dict.fromkeys(study.estimated_names((slot,)), np.nan)
+    again = refit(study, (slot,), found.before.parameters, found.after.noise, step=step)
     assert again.cost == pytest.approx(found.after.cost, abs=0.2)
 
 

@@ -11,10 +11,10 @@ from benchmarks.reference.analytic_slab import temperatures, weather
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from own_case import write_own
 from pages import check
 from scipy.optimize import minimize
 from scipy.stats import chi2, norm
-from test_cli import write_own
 from typer.testing import CliRunner
 
 import wallid

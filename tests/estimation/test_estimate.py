@@ -217,7 +217,7 @@ def test_a_reduced_model_that_is_too_coarse_says_so(case, reduced, large):
     assert coarse.interval_95[0] < right.value < coarse.interval_95[1]
     assert abs(coarse.model_shift + apart) < coarse.std / coarse.value
     plain = wallid.estimate(case, None, first, weights="none")
-    assert not plain.reliable and "reduced model's own error" in plain.reason
+    assert not plain.reliable and "error of the reduced-order model" in plain.reason
     fine = wallid.estimate(case, None, reduced)
     assert fine.reliable and abs(fine.model_shift) < 0.1 * fine.std / fine.value
     assert right.model_shift == 0.0

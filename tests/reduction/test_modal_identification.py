@@ -7,8 +7,8 @@ from systems import faces, fourier, half_minutes, learned_courses, paper_signals
 
 import wallid
 from wallid.reduction import modal_identification
-from wallid.reduction.modal_identification import _start
-from wallid.reduction.variable_projection import courses, left_over, setting_of
+from wallid.reduction.modal_identification import _initial_modes
+from wallid.reduction.variable_projection import learning_problem, projected_residual, simulated_outputs
 
 
 @pytest.fixture(scope="module")
@@ -143,15 +143,17 @@ def test_the_layered_wall_learns_its_straight_line_too():
 def test_the_residuals_derivative_is_exact(wall_large):
     """Golub and Pereyra's formula against central differences of the eliminated misfit."""
     signals = both_faces(2)
-    reference = courses(wall_large, signals, "propagator")
-    setting = setting_of(wall_large, signals, reference, True, "propagator", order=4, shape=5)  # one fills the shape
-    start = _start(wall_large, 5, setting)
+    reference = simulated_outputs(wall_large, signals, "propagator")
+    setting = learning_problem(
+        wall_large, signals, reference, True, "propagator", order=4, array_size=5
+    )  # one fills the shape
+    start = _initial_modes(wall_large, 5, setting)
     rng = np.random.default_rng(1)
     direction = jax.tree.map(lambda leaf: jnp.asarray(rng.normal(size=leaf.shape)), start)
-    _, slope = jax.jvp(lambda modes: left_over(modes, setting), (start,), (direction,))
+    _, slope = jax.jvp(lambda modes: projected_residual(modes, setting), (start,), (direction,))
 
     def moved(h):
-        return left_over(jax.tree.map(lambda a, b: a + h * b, start, direction), setting)
+        return projected_residual(jax.tree.map(lambda a, b: a + h * b, start, direction), setting)
 
     h = 1e-5
     for have, up, down in zip(slope, moved(h), moved(-h), strict=True):
@@ -160,8 +162,10 @@ def test_the_residuals_derivative_is_exact(wall_large):
 
 
 def test_orders_learned_together_are_those_learned_alone_and_compile_once(large, learned, monkeypatch):
-    once = eqx.filter_jit(eqx.debug.assert_max_traces(modal_identification._search.__wrapped__, max_traces=1))
-    monkeypatch.setattr(modal_identification, "_search", once)
+    once = eqx.filter_jit(
+        eqx.debug.assert_max_traces(modal_identification._levenberg_marquardt.__wrapped__, max_traces=1)
+    )
+    monkeypatch.setattr(modal_identification, "_levenberg_marquardt", once)
     third, fifth = wallid.reduction.sweep_orders(large, (3, 5), paper_signals())
     assert (third.system.order, fifth.system.order) == (3, 5)
     assert third.eps_inf[0] > fifth.eps_inf[0]
