@@ -2,6 +2,8 @@
 but `slab`, which builds the model under test."""
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
+from scipy.linalg import expm
 from scipy.signal import lsim
 
 import wallid
@@ -47,6 +49,32 @@ def paper_signals():
     slow, fast = learned_courses()
     inputs = np.stack([faces(course) for course in (slow, slow, slow, fast)])
     return wallid.reduction.TrainingSignals(fourier(LEARNED), half_minutes()[1], inputs, np.zeros((4, 1)))
+
+
+def scipy_field_and_sensitivity_of_cubics(system, fo, record, row, rows, scale, initial):
+    """u and theta over a window whose faces are monotone cubics through the whole record, by SciPy's `expm`.
+
+    Each row is one step of the matrices of field and sensitivity with the powers of s, from 0 at a row to 1 at the
+    next, as further states.
+    """
+    A, B, C, D, P = (np.asarray(part) for part in (system.A, system.B, system.C, system.D, system.P))
+    n, zero, powers = len(A), np.zeros_like(A), 4
+    h = (record.time[1] - record.time[0]) / DAY
+    cubics = PchipInterpolator(np.arange(len(record.faces)), (record.faces - scale.temperature_min) / scale.temperature)
+    matrix = np.zeros((2 * n + 2 * powers, 2 * n + 2 * powers))
+    matrix[: 2 * n, : 2 * n] = h * np.block([[fo * A, zero], [A, fo * A]])
+    matrix[: 2 * n, 2 * n : 2 * n + 2] = h * np.vstack([fo * B, B])
+    matrix[2 * n : -2, 2 * n + 2 :] = np.eye(2 * (powers - 1))
+    step = expm(matrix)[: 2 * n]
+    x, states = np.concatenate([P @ initial, np.zeros(n)]), []
+    for k in range(row, row + rows):
+        states.append(x)
+        third = cubics(k + 0.5, 3) if k + 1 < len(record.faces) else np.zeros(2)
+        second = cubics(k + 0.5, 2) - 0.5 * third  # of the interval that begins here
+        x = step @ np.concatenate([x, cubics(k), cubics(k, 1), second, third])
+    states = np.array(states)
+    faces = np.asarray(cubics(np.arange(row, row + rows)))
+    return states[:, :n] @ C.T + faces @ D.T, states[:, n:] @ C.T
 
 
 def scipy_field_and_sensitivity(system, fo, time, inputs, initial):

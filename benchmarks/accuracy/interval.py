@@ -1,9 +1,10 @@
 """Whether 95 % intervals hold the truth in 95 %.
 
 `python -m benchmarks.accuracy.interval [--records 2000] [--kinds ...]`. Each record is three days of a slab in weather
-of its own, made by `benchmarks.reference.analytic_slab` (sine series, no part of wallid) after ten days
-that set its initial profile, with errors of one kind. The width is held against the best possible: the Cramer-Rao bound
-with the covariance that the errors were drawn from, at the true diffusivity, with the same unknowns.
+of its own, made by `benchmarks.reference.analytic_slab` (sine series, no part of wallid) after ten days that set its
+initial profile, with errors of one kind. The true faces vary between the hourly rows too. The width is held against the
+best possible: the Cramer-Rao bound with the covariance that the errors were drawn from, at the true diffusivity, with
+the same unknowns.
 """
 
 import argparse
@@ -19,11 +20,12 @@ import numpy as np
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from benchmarks.reference.analytic_slab import temperatures, weather
+from benchmarks.reference.analytic_slab import refined, smooth_weather, temperatures
 
 LENGTH, DIFFUSIVITY = 0.4, 7e-7  # m, m2/s
 PLACES = (0.08, 0.2, 0.31)  # m
 STEP, ROWS, BEFORE = 3600.0, 72, 240
+PARTS = 12  # of each hour, between which the true faces are straight lines
 NORMAL_95 = 1.959963984540054
 MODES = 8
 
@@ -58,15 +60,26 @@ KINDS = {
 def truth(
     faces: np.ndarray, places: np.ndarray, diffusivity: float = DIFFUSIVITY, ends: tuple[float, float] = (0.0, 0.0)
 ) -> np.ndarray:
-    """Temperatures in the window, from faces that begin earlier and are so far to the right of where they should be."""
+    """Temperatures in the window, from faces that begin earlier and are so far to the right of where they should be.
+
+    Args:
+        faces: `PARTS` an hour; or one an hour, which are taken as monotone cubics between.
+    """
     length = LENGTH + ends[1] - ends[0]
-    return temperatures(faces, STEP, (places - ends[0]) / length, diffusivity / length**2)[-ROWS:]
+    fine = refined(faces, PARTS) if len(faces) == BEFORE + ROWS else faces
+    inside = temperatures(fine, STEP / PARTS, (places - ends[0]) / length, diffusivity / length**2)
+    return at_rows(inside)[-ROWS:]
+
+
+def at_rows(fine: np.ndarray) -> np.ndarray:
+    """What is given `PARTS` times an hour, once an hour."""
+    return fine[::PARTS]
 
 
 def draw(errors: Errors, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """True faces with their past, measured faces and measured sensors of the window."""
+    """True faces with their past, `PARTS` an hour; measured faces and measured sensors of the window."""
     rng = np.random.default_rng([seed, 7])
-    faces = weather(BEFORE + ROWS, STEP, rng)
+    faces = smooth_weather((BEFORE + ROWS - 1) * PARTS + 1, STEP / PARTS, rng)
     shift, offset = (size * rng.standard_normal(len(PLACES)) for size in (errors.position, errors.offset))
     noise = rng.standard_normal((ROWS + 200, len(PLACES)))
     if errors.memory:
@@ -74,7 +87,7 @@ def draw(errors: Errors, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     face_noise = errors.face * rng.standard_normal((ROWS, 2))
     ends = errors.face_position * rng.standard_normal(2)
     inside = truth(faces, np.array(PLACES) + shift, ends=(ends[0], ends[1]))
-    return faces, faces[-ROWS:] + face_noise, inside + offset + errors.sensor * noise[200:]
+    return faces, at_rows(faces)[-ROWS:] + face_noise, inside + offset + errors.sensor * noise[200:]
 
 
 def best_std(errors: Errors, faces: np.ndarray) -> float:
@@ -94,7 +107,7 @@ def best_std(errors: Errors, faces: np.ndarray) -> float:
         G = np.concatenate([np.tril(toeplitz(answer[:, s])) for s in range(len(places))])
         R += errors.face**2 * G @ G.T
     n, t = np.arange(1, MODES + 1), STEP * np.arange(ROWS)
-    span = max(1.0, np.ptp(faces[-ROWS:]))
+    span = max(1.0, np.ptp(at_rows(faces)[-ROWS:]))
     modes = (
         np.sqrt(2)
         * np.sin(np.pi * np.outer(places / LENGTH, n))[:, None]

@@ -8,6 +8,7 @@ Solids, 1959, 3.3 and 3.5).
 """
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 
 MODES = 80
@@ -46,6 +47,30 @@ def fluxes(faces: np.ndarray, step: float, diffusivity: float) -> np.ndarray:
     change = faces[:, 0] - faces[:, 1]
     left = change - inner.sum(axis=1) + tail * (slope[:, 0] * rest[0] - slope[:, 1] * rest[1])
     right = change - (inner * (-1.0) ** n).sum(axis=1) + tail * (slope[:, 0] * rest[1] - slope[:, 1] * rest[0])
+    return np.stack([left, right], axis=1)
+
+
+def refined(faces: np.ndarray, parts: int, rows: np.ndarray | None = None) -> np.ndarray:
+    """Faces as monotone cubics between rows, at `parts` times as many rows, `(time, 2)`; by SciPy.
+
+    Args:
+        faces: at `rows`; None for each row. Constant after the last.
+    """
+    rows = np.arange(len(faces)) if rows is None else rows
+    fine = np.arange((rows[-1] - rows[0]) * parts + 1) / parts + rows[0]
+    return PchipInterpolator(rows, faces)(fine)
+
+
+def smooth_weather(rows: int, step: float, rng: np.random.Generator) -> np.ndarray:
+    """As `weather`, without jumps of the slope: what the faces do within hours is smoothed over two hours as well."""
+    days = np.arange(rows) * step / 86400.0
+    slow, fast = (np.exp(-step / (hours * 3600.0)) for hours in (8, 2))
+    variance = (1 + slow * fast) / ((1 - slow**2) * (1 - fast**2) * (1 - slow * fast))
+    course = lfilter([1.0], np.convolve([1.0, -slow], [1.0, -fast]), rng.standard_normal((2, rows)), axis=1)
+    course /= np.sqrt(variance)
+    phase = rng.uniform(-0.1, 0.1)
+    right = 6.0 + 3.0 * np.sin(2 * np.pi * (days - 0.4 + phase)) + 1.0 * course[0]
+    left = 19.0 + 0.8 * np.sin(2 * np.pi * (days - 0.3)) + 0.4 * course[1]
     return np.stack([left, right], axis=1)
 
 

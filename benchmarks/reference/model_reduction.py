@@ -75,7 +75,7 @@ def by_swarm(
             H = jax.scipy.linalg.solve_triangular(R, Q.T @ target[0]).T
         return _of(f, b, H, gain - H @ b)
 
-    rest = want[0] - (signals.inputs @ gain.T)[:, ::EVERY]
+    rest = want[0] - (signals.inputs[..., : gain.shape[1]] @ gain.T)[:, ::EVERY]
     target = (jnp.concatenate([(w * p).reshape(-1, sensors) for w, p in zip(weight, (rest, want[1]), strict=True)]),)
 
     def cost(numbers: jax.Array) -> jax.Array:

@@ -245,8 +245,8 @@ def test_no_name_stands_beside_what_it_does_not_explain(explained):
         assert words in doubted.sentence and "olar gain of the left face" in doubted.sentence
         assert doubted.to_dict()["effects"] == []
         low, high = doubted.interval_95
-        assert low <= min(found.interval_95[0], found.before.diffusivity)
-        assert high >= max(found.interval_95[1], found.before.diffusivity)
+        assert low <= min(found.interval_95[0], found.plain.diffusivity)
+        assert high >= max(found.interval_95[1], found.plain.diffusivity)
 
 
 def test_a_prediction_beyond_the_models_reach_is_left_for_the_neutral_start(explained):

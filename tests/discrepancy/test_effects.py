@@ -607,7 +607,7 @@ def test_a_new_value_is_not_compiled_anew(campaign):
         nonlocal traced
         traced += 1
         terms = effect.apply(Terms.plain(campaign), campaign)
-        return simulate_readings(terms, campaign, jnp.asarray(5e-7), jnp.zeros(2), linear=True)[-1]
+        return simulate_readings(terms, campaign, jnp.asarray(5e-7), jnp.zeros(8), linear=True)[-1]
 
     results = [last(SensorOffset(sensor=0, offset=offset)) for offset in (0.0, 0.25, 1)]
     assert traced == 1

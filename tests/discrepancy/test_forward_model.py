@@ -64,6 +64,7 @@ def drive(left, right, *, outdoor=4.0, indoor=19.0):
     zero = np.zeros((ROWS - 1, 4))
     width = np.full(NODES, L / (NODES - 1))
     width[[0, -1]] *= 0.5
+    inner = np.linspace(0.0, 1.0, NODES)[1:-1]
     return ForcingData(
         step=jnp.asarray(STEP),
         faces=jnp.asarray(cubics(faces)),
@@ -72,11 +73,14 @@ def drive(left, right, *, outdoor=4.0, indoor=19.0):
         indoor=jnp.asarray(cubics(np.broadcast_to(indoor, ROWS).astype(float))),
         heating=jnp.asarray(zero),
         hour=jnp.asarray(TIME[:-1] / HOUR),
-        start_profile=jnp.asarray(faces[0]),
+        initial=jnp.asarray(faces[0, 0] + (faces[0, 1] - faces[0, 0]) * inner),
+        profile_modes=jnp.sin(jnp.pi * inner[:, None] * jnp.arange(1, 4)),
+        common_noise=jnp.zeros((ROWS, 2)),
         reference=jnp.asarray(12.0),
         node_positions=jnp.linspace(0.0, L, NODES),
         resistance=jnp.full(NODES - 1, L / (NODES - 1)),
         capacity=jnp.asarray(width),
+        layer_nodes=jnp.asarray([0, NODES - 1]),
         sensor_positions=jnp.asarray(POSITION),
         length=jnp.asarray(L),
     )
@@ -156,7 +160,7 @@ def test_the_linear_course_is_the_matrix_exponential(campaign):
     whole[:n, :n], whole[:n, n : n + m] = STEP * A, STEP * B
     whole[n : n + 3 * m, n + m :] = np.eye(3 * m)
     advance = expm(whole)
-    T = np.asarray(initial_state(build_cells(terms, campaign), campaign, profile))
+    T = np.asarray(initial_state(campaign, profile))
     states = [T]
     factorial = np.array([1.0, 1.0, 2.0, 6.0])[:, None]
     for piece in wall.inputs:
@@ -216,7 +220,7 @@ def test_a_mode_of_the_initial_profile_decays_by_itself():
 def test_the_steady_wall_is_the_closed_solution(effects, profile):
     """Faces at 0 and 20 degC, outdoor air at 5: what is left after a day is the steady state (tau 1.4 h)."""
     still = drive(0.0, 20.0, outdoor=5.0)
-    got = simulate_readings(extended(still, *effects), still, ALPHA, jnp.zeros(1), linear=True)[-1]
+    got = simulate_readings(extended(still, *effects), still, ALPHA, jnp.zeros(3), linear=True)[-1]
     # second order: (dx/L)^2 of 20 K times the profile's bend, under 1/4; a film's wall takes 3 h
     assert_allclose(got, profile(POSITION), rtol=0, atol=20.0 / (NODES - 1) ** 2 / 4 + 20.0 * np.exp(-8.0))
 
@@ -257,7 +261,7 @@ def changing(campaign):
         wind = 6e-7 * (padded[2:] - padded[:-2]) / spacing
         return np.diff(flux) / c - wind + 4e-6 * (q[2] - T)
 
-    T = np.asarray(initial_state(build_cells(terms, campaign), campaign, jnp.zeros(1)))
+    T = np.asarray(initial_state(campaign, jnp.zeros(3)))
     part = solve_ivp(rate, TIME[[0, -1]], T, "LSODA", TIME, rtol=1e-9, atol=1e-9, max_step=STEP / 8)
     field = part.y.T
     q = np.concatenate([wall.inputs[:, 0], wall.inputs[-1:].sum(axis=1)])
@@ -269,7 +273,7 @@ def stepped(terms, campaign, substeps, controller=None):
     wall = build_cells(terms, campaign)
     more = {} if controller is None else {"solver": diffrax.Tsit5(), "controller": controller}
     return simulate_nonlinear_wall(
-        wall, terms, campaign, ALPHA, initial_state(wall, campaign, jnp.zeros(1)), substeps=substeps, **more
+        wall, terms, campaign, ALPHA, initial_state(campaign, jnp.zeros(3)), substeps=substeps, **more
     )  # fmt: skip
 
 
@@ -296,7 +300,7 @@ def freezing(campaign, terms):
         c = wall.capacity * (1 + peak * np.exp(-0.5 * ((T - float(bump.temperature)) / 0.5) ** 2))
         return np.diff(float(ALPHA) * np.diff(padded) / wall.resistance) / c
 
-    T = np.asarray(initial_state(wall, campaign, jnp.zeros(1)))
+    T = np.asarray(initial_state(campaign, jnp.zeros(3)))
     part = solve_ivp(rate, TIME[[0, -1]], T, "BDF", TIME, rtol=1e-8, atol=1e-8, max_step=STEP / 4)
     q = np.concatenate([wall.inputs[:, 0], wall.inputs[-1:].sum(axis=1)])
     return part.y.T @ wall.state_to_readings.T + q[:, :2] @ wall.faces_to_readings.T
@@ -331,7 +335,7 @@ def test_at_neutral_values_the_stepped_course_is_the_linear_one_within_its_time_
     neutral = [type(effect)() for effect in NONLINEAR]
     terms = extended(campaign, *neutral, *SURROUNDING)
     wall = build_cells(terms, campaign)
-    value, rate = simulate_linear_wall(wall, campaign, ALPHA, initial_state(wall, campaign, jnp.zeros(1)))
+    value, rate = simulate_linear_wall(wall, campaign, ALPHA, initial_state(campaign, jnp.zeros(3)))
     errors = []
     for parts in (16, 64):
         course, slope = stepped(terms, campaign, parts)

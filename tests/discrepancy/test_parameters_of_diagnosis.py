@@ -13,7 +13,6 @@ from wallid.discrepancy import model_with_effects
 from wallid.discrepancy.effect_fit import refit
 from wallid.discrepancy.effects import LIBRARY
 from wallid.discrepancy.problem import diagnosis_problem
-from wallid.discrepancy.residual_noise import DiagnosisNoiseShape
 
 # a shape of record that no other test has: what is compiled for it is compiled here
 SHORT = replace(SPEC, step=3600.0, days=3.0 + 1.0 / 24.0, noise_std=0.05, boundary_noise_std=0.03)
@@ -54,12 +53,13 @@ def test_every_parameter_has_a_name_of_its_own_a_unit_and_bounds(study):
 
 
 def test_what_is_free_are_the_priors_of_the_case_and_the_effects_chosen(study):
-    plain = ["log_diffusivity", *(f"profile_mode[{k}]" for k in range(1, 9))]
-    assert list(with_priors(study).estimated_names(())) == plain
+    modes = [f"profile_mode[{k}]" for k in range(1, 9)]
+    common = ["common_noise[left]", "common_noise[right]"]
+    assert list(with_priors(study).estimated_names(())) == ["log_diffusivity", *common, *modes]
     everything = with_priors(study, 0.002, **ALL)
-    errors = [f"{kind}[{name}]" for kind in ("sensor_position", "sensor_offset") for name in ("T1", "T2", "T3")]
+    errors = [f"{kind}[{name}]" for kind in ("sensor_offset", "sensor_position") for name in ("T1", "T2", "T3")]
     faces = ["face_position[left]", "face_position[right]"]
-    assert list(everything.estimated_names(())) == [*plain, *errors, *faces]
+    assert list(everything.estimated_names(())) == ["log_diffusivity", *errors, *faces, *common, *modes]
     slot = slot_of(everything, "sensor_offset", "T2")
     free = everything.estimated_names((slot,))
     assert "sensor_offset[T2]" not in free, "the effect has its place"
@@ -110,7 +110,7 @@ def test_one_compilation_serves_every_choice_of_effects_and_of_nuisance_paramete
     sizes = set()
     for stds in PRIORS:
         problem = trimmed(with_priors(study, **stds), lambda effect: effect.name in chosen)
-        noise = DiagnosisNoiseShape(problem, problem.parameters).covariance_of(1.0, 0.0, 0.8)
+        noise = problem.noise_shape(problem.parameters).stated_covariance()
         for choice in CHOICES if len(stds) != 1 else CHOICES[:4]:
             active = tuple(slot_of(problem, *one) for one in choice)
             fit = refit(problem, active, problem.parameters, noise)

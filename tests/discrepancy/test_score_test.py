@@ -15,7 +15,6 @@ from studies import SPEC, prepare, slot_of, trimmed
 from wallid.discrepancy.cross_validation import cross_validate, effect_by_window, held_out
 from wallid.discrepancy.effect_fit import refit
 from wallid.discrepancy.problem import DiagnosisProblem
-from wallid.discrepancy.residual_noise import DiagnosisNoiseShape
 from wallid.discrepancy.residual_tests import chi_square_p_value, run_residual_tests
 from wallid.discrepancy.score_test import Candidate, CandidateJacobian, candidate_jacobian, score_candidates
 
@@ -39,7 +38,7 @@ class Ranked:
         whole, _ = prepare(folder, HOURLY)
         self.study = trimmed(whole, lambda effect: effect.target in (None, 1, "left", "outdoor"))
         start = self.study.parameters
-        self.noise = DiagnosisNoiseShape(self.study, start).covariance_of(1.0, 0.0, 0.8)
+        self.noise = self.study.noise_shape(start).stated_covariance()
         self.base = refit(self.study, (), start, self.noise)
         self.outlook = candidate_jacobian(self.study, self.base)
         self.screen = score_candidates(self.base, self.outlook, np.random.default_rng(0))
@@ -86,7 +85,7 @@ def test_the_plain_fit_ends_at_its_minimum(ranked):
     slope = fit.jacobian.T @ fit.residual / np.linalg.norm(fit.jacobian, axis=0)
     assert np.linalg.norm(slope) < 0.1  # the square is what a step would still bring: under 0.01
     free = fit.parameters.estimated_names
-    assert len(free) == 1 + 8 + 2 and not fit.at_bound
+    assert len(free) == 1 + 8 + 2 + 2 and not fit.at_bound
     assert_allclose(
         fit.residual[-len(free) :],
         -fit.parameters.flatten() / fit.parameters.prior_std[fit.parameters.indices(free)],

@@ -7,7 +7,7 @@ import jax.monitoring
 import numpy as np
 import pytest
 from benchmarks.accuracy import interval
-from benchmarks.reference.analytic_slab import temperatures, weather
+from benchmarks.reference.analytic_slab import refined, temperatures, weather
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -30,7 +30,8 @@ def case_of(diffusivities, *, offset=(0.0, 0.0, 0.0), seed=2, noise=1.0, errors=
     rng = np.random.default_rng(seed)
     faces = weather(interval.BEFORE + ROWS * len(diffusivities), interval.STEP, rng)
     x = np.array(interval.PLACES) / interval.LENGTH
-    every = [temperatures(faces, interval.STEP, x, alpha / interval.LENGTH**2) for alpha in diffusivities]
+    fine, step = refined(faces, interval.PARTS), interval.STEP / interval.PARTS
+    every = [interval.at_rows(temperatures(fine, step, x, alpha / interval.LENGTH**2)) for alpha in diffusivities]
     part = [slice(interval.BEFORE + k * ROWS, interval.BEFORE + (k + 1) * ROWS) for k in range(len(diffusivities))]
     readings = np.concatenate([one[rows] for one, rows in zip(every, part, strict=True)])
     readings = readings + np.array(offset)

@@ -9,7 +9,7 @@ import jsonschema
 import numpy as np
 import pandas as pd
 import pytest
-from benchmarks.reference.analytic_slab import fluxes, temperatures, weather
+from benchmarks.reference.analytic_slab import fluxes, refined, temperatures, weather
 from numpy.testing import assert_allclose
 from pages import check
 from results import SCHEMA
@@ -31,6 +31,7 @@ LENGTH, CONDUCTIVITY, CAPACITY = 0.3, 0.75, 1.5e6
 R, C = LENGTH / CONDUCTIVITY, LENGTH * CAPACITY
 DIFFUSIVITY = CONDUCTIVITY / CAPACITY
 STEP, ROWS = 900.0, 288
+PARTS = 40  # of a row, between which the true faces are straight lines
 NOISE, FACE = 0.3, 0.01
 
 
@@ -38,8 +39,9 @@ def course(seed=3, windows=1):
     """Three days after twelve others, or more: faces, fluxes (W/m2), and a temperature in the middle."""
     rows = ROWS * windows
     faces = weather(4 * ROWS + rows, STEP, np.random.default_rng(seed))
-    through = CONDUCTIVITY / LENGTH * fluxes(faces, STEP, DIFFUSIVITY / LENGTH**2)
-    inside = temperatures(faces, STEP, np.array([0.5]), DIFFUSIVITY / LENGTH**2)
+    fine, step = refined(faces, PARTS), STEP / PARTS
+    through = CONDUCTIVITY / LENGTH * fluxes(fine, step, DIFFUSIVITY / LENGTH**2)[::PARTS]
+    inside = temperatures(fine, step, np.array([0.5]), DIFFUSIVITY / LENGTH**2)[::PARTS]
     return faces[-rows:], through[-rows:], inside[-rows:]
 
 
@@ -237,8 +239,9 @@ def test_a_window_may_have_plates_alone_or_sensors_alone():
 def at_rest(*, gap=True):
     """A case from rest, so that its initial straight line is true, at the true diffusivity, conductivity stated."""
     case, faces = case_of(sensor=True), weather(ROWS, STEP, np.random.default_rng(4))
-    inside = temperatures(faces, STEP, np.array([0.5]), DIFFUSIVITY / LENGTH**2)
-    through = CONDUCTIVITY / LENGTH * fluxes(faces, STEP, DIFFUSIVITY / LENGTH**2)
+    fine, step, rate = refined(faces, PARTS), STEP / PARTS, DIFFUSIVITY / LENGTH**2
+    inside = temperatures(fine, step, np.array([0.5]), rate)[::PARTS]
+    through = CONDUCTIVITY / LENGTH * fluxes(fine, step, rate)[::PARTS]
     read = {f"flux_{face}": through[:, side] for side, face in enumerate(("left", "right"))}
     read["flux_right"][40 : 60 if gap else 40] = np.nan
     record = replace(case.record, faces=faces, sensors=inside, regressors=read, flux_gain_std=0.04)
@@ -255,11 +258,14 @@ def bound(case, *, sensors, full):
     record, rate, t = case.record, DIFFUSIVITY / LENGTH**2, case.record.time
     faces, scale = record.faces, CONDUCTIVITY / LENGTH
 
-    def outputs(rate, faces):
-        return np.column_stack([temperatures(faces, STEP, np.array([0.5]), rate), scale * fluxes(faces, STEP, rate)])
+    def outputs(rate, faces, step=STEP):
+        return np.column_stack([temperatures(faces, step, np.array([0.5]), rate), scale * fluxes(faces, step, rate)])
 
-    h = (outputs(1.0001 * rate, faces) - outputs(0.9999 * rate, faces)) / 2e-4
-    through = outputs(rate, faces)[:, 1:]
+    def of_cubics(rate):
+        return outputs(rate, refined(faces, PARTS), STEP / PARTS)[::PARTS]
+
+    h = (of_cubics(1.0001 * rate) - of_cubics(0.9999 * rate)) / 2e-4
+    through = of_cubics(rate)[:, 1:]
     constants = np.zeros((len(t), 3, 3))
     constants[:, 1:, 0] = 3.0 * through
     constants[:, 1, 1], constants[:, 2, 2] = (0.04 * through).T
@@ -332,10 +338,10 @@ def test_estimates_from_fluxes_scatter_as_the_design_expects():
 
 
 def test_a_reduced_model_learns_fluxes_and_answers_for_its_error(both):
-    """Eight modes: the sine series' fluxes, the large model's estimate, and the shift that its own error makes."""
+    """Nine modes: the sine series' fluxes, the large model's estimate, and the shift that its own error makes."""
     case, window = case_of(sensor=True), wallid.Window(0, ROWS)
     case = replace(case, choices=replace(case.choices, learning_diffusivities=(3e-7, 8e-7)))
-    learned = wallid.learn(case, window, 8, plates=True).system
+    learned = wallid.learn(case, window, 9, plates=True).system
     assert learned.output_names == ("T1", "flux_left", "flux_right")
     still = at_rest(gap=False)
     data, scale = wallid.models.window_data(still), wallid.case.scales(still)
@@ -348,7 +354,7 @@ def test_a_reduced_model_learns_fluxes_and_answers_for_its_error(both):
     moved, std = np.log(fit.value / both.value), both.std / both.value
     assert abs(moved) < 0.2 * std and fit.thermal.resistance.value == pytest.approx(R, rel=0.02)
     assert fit.model_shift == pytest.approx(moved, rel=0.2)
-    assert "reduced-order model of order 8" in str(fit) and "full-order model" in str(both)
+    assert "reduced-order model of order 9" in str(fit) and "full-order model" in str(both)
 
 
 def written(folder, *, windows=1, **more):

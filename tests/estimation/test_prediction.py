@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from systems import scipy_field_and_sensitivity
+from systems import scipy_field_and_sensitivity_of_cubics
 
 import wallid
 from wallid.case.initial_profile import dimensionless_profile
@@ -30,8 +30,8 @@ def by_scipy(case, alpha, outputs):
     scale = wallid.case.scales(case)
     system = wallid.models.finite_volume_model(case.wall, outputs, nodes=case.choices.nodes)
     initial = dimensionless_profile(wallid.case.fit_profile(case, 0).coefficients, scale)
-    inputs = (case.record.faces - scale.temperature_min) / scale.temperature
-    u, _ = scipy_field_and_sensitivity(system, scale.fourier_number(alpha), case.record.time / 86400.0, inputs, initial)
+    fourier, record = scale.fourier_number(alpha), case.record
+    u, _ = scipy_field_and_sensitivity_of_cubics(system, fourier, record, 0, record.rows, scale, initial)
     return u, scale
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.reference.analytic_slab import temperatures, weather
+from benchmarks.reference.analytic_slab import refined, temperatures, weather
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -18,6 +18,7 @@ from wallid.experiment_design.fisher_information import criterion_value, relativ
 from wallid.inference.nuisance_parameters import wiener_filtered_noise
 
 LENGTH, ALPHA, STEP, ROWS, MODES = 0.4, 7e-7, 3600.0, 72, 8
+PARTS = 24  # of a row, between which the true faces are straight lines
 THERE, CANDIDATES = (0.08, 0.31), (0.06, 0.15, 0.2, 0.25, 0.34)
 NOISE, FACE, POSITION, OFFSET = 0.05, 0.08, 0.004, 0.06
 
@@ -31,7 +32,7 @@ def still_at_first(seed=4, symmetric=False):
 
 def case_of(faces, places=THERE, *, missing=()):
     x = np.array(places) / LENGTH
-    readings = temperatures(faces, STEP, x, ALPHA / LENGTH**2)
+    readings = temperatures(refined(faces, PARTS), STEP / PARTS, x, ALPHA / LENGTH**2)[::PARTS]
     for row, sensor in missing:
         readings[row, sensor] = np.nan
     time, names = STEP * np.arange(len(faces)), tuple(f"T{s}" for s in range(len(places)))
@@ -64,10 +65,11 @@ def truth(case, places, stride=1, alpha=ALPHA):
     """
     faces, x, rate = case.record.faces, np.array(places) / LENGTH, alpha / LENGTH**2
     at = np.arange(0, len(faces), stride)
-    rare = np.stack([np.interp(np.arange(len(faces)), at, face[at]) for face in faces.T], axis=1)
+    rare = refined(faces[at], PARTS, at)
+    rare = np.pad(rare, ((0, (len(faces) - 1) * PARTS + 1 - len(rare)), (0, 0)), mode="edge")
 
     def field(x=x, rate=rate, faces=rare):
-        return temperatures(faces, STEP, x, rate)[at]
+        return temperatures(faces, STEP / PARTS, x, rate)[::PARTS][at]
 
     h = (field(rate=rate * 1.0001) - field(rate=rate * 0.9999)) / 2e-4
     gradient = (field(x + 1e-5) - field(x - 1e-5)) / (2e-5 * LENGTH)
@@ -92,7 +94,7 @@ def truth(case, places, stride=1, alpha=ALPHA):
     there = np.ones((len(t), len(x)), bool)
     there[:, : len(case.sensors)] = np.isfinite(inner[at])
     kept = there.T.ravel()
-    apart = (temperatures(faces, STEP, x, rate)[at] - field()).T.ravel()
+    apart = (field(faces=refined(faces, PARTS)) - field()).T.ravel()
     return (
         h.T.ravel()[kept], block_diag(*own)[kept], shared.transpose(1, 0, 2).reshape(len(kept), -1)[kept],
         R[np.ix_(kept, kept)], apart[kept],

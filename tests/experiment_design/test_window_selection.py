@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from systems import scipy_field_and_sensitivity
+from systems import scipy_field_and_sensitivity_of_cubics
 
 import wallid
 from wallid.case.initial_profile import dimensionless_profile, profile_degree
@@ -19,7 +19,7 @@ def case():
 
 
 def window_by_scipy(case, row, rows, alpha, offset=0.0):
-    """u and theta over a window by `lsim`, from the profile fitted at its start.
+    """u and theta over a window by SciPy, from the profile fitted at its start.
 
     With an offset of the second sensor, its reading there is held against the truth that much less.
     """
@@ -31,14 +31,14 @@ def window_by_scipy(case, row, rows, alpha, offset=0.0):
     system = wallid.models.finite_volume_model(
         case.wall, outputs, nodes=case.choices.nodes, profile_degree=profile_degree(case)
     )
-    part = case.record.window(row, rows)
     initial = dimensionless_profile(wallid.case.fit_profile(case, row).coefficients, scale)
-    inputs = (part.faces - scale.temperature_min) / scale.temperature
-    return scipy_field_and_sensitivity(system, scale.fourier_number(alpha), part.time / 86400.0, inputs, initial)
+    return scipy_field_and_sensitivity_of_cubics(
+        system, scale.fourier_number(alpha), case.record, row, rows, scale, initial
+    )
 
 
 def information_by_scipy(case, row, rows, alpha, offset_std=None):
-    """The window's information on alpha from `lsim`'s theta and a full covariance matrix."""
+    """The window's information on alpha from SciPy's theta and a full covariance matrix."""
     scale = wallid.case.scales(case)
     u, theta = window_by_scipy(case, row, rows, alpha)
     slope = theta * scale.temperature * scale.fourier_number(1.0)

@@ -12,7 +12,8 @@ from scipy.linalg import toeplitz
 from studies import SPEC, parameters_at, prepare
 
 from wallid.discrepancy.model_with_effects import BinnedReadings, predict
-from wallid.discrepancy.residual_noise import DiagnosisNoiseShape, NoiseCovariance, estimate_noise
+from wallid.inference.noise_covariance import NoiseCovariance, NoiseShape
+from wallid.inference.whittle_likelihood import estimate_noise
 
 HOURLY = replace(
     SPEC, step=3600.0, days=12.0, positions=(0.04, 0.13), noise_std=0.05, boundary_noise_std=0.08, noise_seed=3
@@ -23,7 +24,7 @@ HOURLY = replace(
 def hourly(tmp_path_factory):
     study, _ = prepare(tmp_path_factory.mktemp("hourly"), HOURLY)
     parameters = parameters_at(study, HOURLY.diffusivity)
-    return study, parameters, DiagnosisNoiseShape(study, parameters)
+    return study, parameters, study.noise_shape(parameters)
 
 
 def binned(study, rows, present=None):
@@ -105,7 +106,7 @@ def test_bins_have_the_covariance_of_means(hourly):
     """The faces' noise inside a bin is spread over it: the own noise is exact, the faces' within some percent."""
     study, parameters, model = hourly
     rows = 4
-    together = DiagnosisNoiseShape(binned(study, rows), parameters)
+    together = binned(study, rows).noise_shape(parameters)
     sizes = (0.3, 0.8, 0.9)
     M = means(np.asarray(study.bins.present), rows)
     want = M @ dense(model, *sizes) @ M.T
@@ -122,7 +123,7 @@ def test_bins_have_the_covariance_of_means(hourly):
 @pytest.mark.parametrize("rows", [1, 2, 5])
 @pytest.mark.parametrize("rho", [0.0, 0.6, 0.95])
 def test_the_autocovariance_of_means_of_an_autoregression(rows, rho):
-    together = object.__new__(DiagnosisNoiseShape)
+    together = object.__new__(NoiseShape)
     together.rows_per_bin, together.bin_count = rows, 9
     C = rho ** np.abs(np.subtract.outer(np.arange(9 * rows), np.arange(9 * rows)))
     M = np.kron(np.eye(9), np.full((1, rows), 1 / rows))
@@ -134,14 +135,14 @@ def test_missing_readings_neither_count_nor_tell(hourly):
     rng = np.random.RandomState(5)
     present = (rng.uniform(size=study.bins.present.shape) > 0.3).astype(float)
     present[20:28, 0] = 0.0
-    found = DiagnosisNoiseShape(binned(study, 1, present), parameters).covariance_of(0.7, 0.5, 0.8)
+    found = binned(study, 1, present).noise_shape(parameters).covariance_of(0.7, 0.5, 0.8)
     there, want = present.T.reshape(-1) > 0, dense(model, 0.7, 0.5, 0.8)
     assert_allclose(found.covariance[np.ix_(there, there)], want[np.ix_(there, there)], atol=1e-12 * want.max())
     assert_allclose(found.covariance[~there], np.eye(len(there))[~there])
     assert_allclose(found.whitening @ found.covariance @ found.whitening.T, np.eye(len(there)), atol=1e-9)
     # a bin with fewer rows has more of the sensor's white noise; what of the faces' comes through is a whole bin's
     M = means(present, 4)
-    some = DiagnosisNoiseShape(binned(study, 4, present), parameters).covariance_of(0.7, 0.5, 0.8)
+    some = binned(study, 4, present).noise_shape(parameters).covariance_of(0.7, 0.5, 0.8)
     gone = M.sum(axis=1) == 0
     assert gone.sum() >= 2
     assert_allclose(some.covariance[gone], np.eye(len(M))[gone])

@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import pytest
 from benchmarks.accuracy import interval
+from benchmarks.reference.analytic_slab import weather as hourly_weather
 
 import wallid
 from wallid.case.initial_profile import scales
@@ -45,7 +46,7 @@ class SensorGains(NuisanceKind):
 
 
 def weather(seed):
-    return interval.weather(interval.BEFORE + interval.ROWS, interval.STEP, np.random.default_rng(seed))
+    return hourly_weather(interval.BEFORE + interval.ROWS, interval.STEP, np.random.default_rng(seed))
 
 
 def simulated(seed, gain=0.0):

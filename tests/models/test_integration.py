@@ -3,6 +3,7 @@ import inspect
 import os
 import pickle
 from dataclasses import replace
+from types import SimpleNamespace
 
 import diffrax
 import equinox as eqx
@@ -14,7 +15,19 @@ import numpy as np
 import pytest
 from benchmarks.reference.make_examples import slab_response
 from numpy.testing import assert_allclose
-from systems import DAY, LENGTH, POINTS, T_REF, faces, fourier, half_minutes, scipy_field_and_sensitivity, slab
+from scipy.interpolate import PchipInterpolator
+from systems import (
+    DAY,
+    LENGTH,
+    POINTS,
+    T_REF,
+    faces,
+    fourier,
+    half_minutes,
+    scipy_field_and_sensitivity,
+    scipy_field_and_sensitivity_of_cubics,
+    slab,
+)
 
 import wallid
 from wallid._internal.arrays import index_array, on_device
@@ -166,6 +179,35 @@ def test_every_recurrence_gives_what_lsim_gives(nodes, sensitivity, free):
         assert_allclose(kernel[1][1:], by_row[1], atol=1e-13)
     else:
         assert blocks[1] is None and kernel[1] is None
+
+
+@pytest.mark.parametrize("nodes", [10, 23, 60])
+def test_cubic_inputs_in_every_recurrence_and_by_diffrax(nodes):
+    """Against SciPy's `expm` of the matrices with the powers of s as states; nodal and modal, row by row and fast."""
+    nodal = slab(nodes, degree=2)
+    system, rows, step, initial = nodal.modal(), 152, 1 / 24.0, jnp.asarray([0.1, 0.5, -0.8])
+    values = random_walk(rows, 2, 6) + 0.3
+    record = SimpleNamespace(time=np.arange(rows) * step * DAY, faces=values)
+    still = SimpleNamespace(temperature=1.0, temperature_min=0.0)
+    want = scipy_field_and_sensitivity_of_cubics(nodal, 0.4, record, 0, rows, still, np.asarray(initial))
+    slopes = PchipInterpolator(np.arange(rows), values).derivative()(np.arange(rows)) / step
+    inputs = jnp.asarray(np.hstack([values, slopes]))
+
+    exact = step_map(system, jnp.asarray(0.4), jnp.asarray(step), sensitivity=True, cubic=True)
+    x = system.P @ initial
+    start = x, jnp.zeros_like(x)
+    _, by_row = eqx.filter_jit(run_row_by_row)(system, exact, start, inputs)
+    _, blocks = eqx.filter_jit(run_in_blocks)(system, exact, start, inputs)
+    kernel = eqx.filter_jit(single_kernel.run_in_one_kernel)(system, exact, start, inputs)
+    time = step * np.arange(rows)
+    for model in (system, nodal):
+        assert_allclose(wallid.models.propagate(model, 0.4, step, inputs, initial, sensitivity=True), want, atol=1e-11)
+    by_diffrax = wallid.models.simulate(system, 0.4, time, inputs, initial, sensitivity=True)
+    for k in (0, 1):
+        assert_allclose(by_row[k], want[k][1:], atol=1e-11)
+        assert_allclose(blocks[k], by_row[k], atol=1e-13)
+        assert_allclose(kernel[k][1:], by_row[k], atol=1e-13)
+        assert_allclose(by_diffrax[k], want[k], atol=1e-10)
 
 
 @pytest.mark.parametrize(("nodes", "rows"), [(9, 61), (20, 300)])

@@ -224,7 +224,6 @@ def test_the_uniform_way_changes_nothing(read):
     record = read(text(frame))
     same(record, frame)
     assert record.cleaning.unchanged and record.fill_std is None
-    np.testing.assert_array_equal(record.faces_std, np.full((ROWS, 2), 0.1))
 
 
 @given(seed=st.integers(0, 10**6), memory=st.sampled_from([0.0, 0.6, 0.95]), size=st.sampled_from([0.0, 0.05, 1.0]))
@@ -301,7 +300,7 @@ def test_gaps_are_filled_or_break_the_record(read):
     rest = ~np.isin(np.arange(ROWS), [*filled, *range(100, 110)])
     np.testing.assert_array_equal(record.faces[rest, 0], frame["T_left"][rest])
     np.testing.assert_array_equal(record.sensors, frame[["T1", "T2"]])
-    assert np.isinf(record.faces_std[105, 0]) and (record.faces_std[rest] == 0.1).all()
+    assert np.isinf(record.fill_std[105, 0]) and (record.fill_std[rest] == 0.0).all()
     assert read(text(gappy), longest_gap=11).unbroken_parts == ((0, ROWS),)
     assert len(read(text(gappy), longest_gap=0).unbroken_parts) == 4
     assert [record.contains_windows(start, 20) for start in (80, 81, 109, 110, 220, 221)] == [1, 0, 0, 1, 1, 0]
@@ -416,4 +415,4 @@ def test_windows_of_a_record_with_gaps(read):
     record = read(text(table().drop(index=[10, *range(100, 110)])))
     part = record.window(90, 40)
     assert part.unbroken_parts == ((0, 10), (20, 20)) and part.cleaning.unchanged
-    np.testing.assert_array_equal(part.faces_std, record.faces_std[90:130])
+    np.testing.assert_array_equal(part.fill_std, record.fill_std[90:130])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -36,7 +36,9 @@ class Direct:
 
     @cached_property
     def data(self) -> wallid.models.WindowData:
-        return wallid.models.window_data(self.case, self.window)
+        """The window's, with straight lines between rows as lsim has them."""
+        data = wallid.models.window_data(self.case, self.window)
+        return replace(data, inputs=data.inputs[:, :2])
 
     @cached_property
     def nodal(self) -> wallid.StateSpace:

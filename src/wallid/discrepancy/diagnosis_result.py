@@ -33,7 +33,7 @@ class Diagnosis(Findings):
 
     def _repr_html_(self) -> str:
         low, high = self.interval_95
-        rows = [("diffusivity", f"{self.after.diffusivity:.4g}", f"95 %: {low:.4g} to {high:.4g}", "m2/s")]
+        rows = [("diffusivity", f"{self.final.diffusivity:.4g}", f"95 %: {low:.4g} to {high:.4g}", "m2/s")]
         for named in self.effects:
             size = named.effect_parameters.effect.parameters[0]
             value, std = named.values[size.name]

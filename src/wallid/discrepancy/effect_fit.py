@@ -14,14 +14,13 @@ from jaxtyping import Array
 from ..inference.likelihood import LOG_DIFFUSIVITY
 from ..inference.noise_covariance import NoiseCovariance
 from ..inference.parameters import Parameters
-from ..inference.quantity import NORMAL_95
 from .model_with_effects import linearise
 from .problem import DiagnosisProblem, EffectParameters
 
 _MAX_INITIAL_STEP = 1.5  # of ln(alpha)
 _BOUND_TOLERANCE = 1e-6  # distance from a bound over the scale of the parameter
-_COST_TOLERANCE = 0.05  # predicted drop of -2 log L at which the fit has converged
-_MAX_STEPS = 20
+_COST_TOLERANCE = 2.5e-3  # predicted drop of -2 log L at which the fit has converged: 0.05 standard errors
+_MAX_STEPS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +70,13 @@ class EffectFit:
 
     @property
     def log_std(self) -> float:
-        """Standard deviation of ln(alpha)."""
-        return self.std(LOG_DIFFUSIVITY)
+        """Standard deviation of ln(alpha), with the uncertainty of the noise's shape where that is known."""
+        return self.std(LOG_DIFFUSIVITY) * float(np.sqrt(self.noise.variance_inflation))
 
     @property
     def interval_95(self) -> tuple[float, float]:
         """95 % interval of the diffusivity, m2/s, symmetric in ln(alpha)."""
-        width = np.exp(min(NORMAL_95 * self.log_std, 50.0))
+        width = np.exp(min(self.noise.quantile * self.std(LOG_DIFFUSIVITY), 50.0))
         return self.diffusivity / width, self.diffusivity * width
 
     @property
@@ -119,6 +118,14 @@ class EffectFit:
         return J, r
 
     @property
+    def sensitivity(self) -> np.ndarray:
+        """The binned readings' derivative with respect to ln(alpha), the other parameters projected out, K."""
+        k = self.index(LOG_DIFFUSIVITY)
+        others, of_readings = np.delete(self.jacobian, k, axis=1), self.unwhitened()[0]
+        coefficients = np.linalg.lstsq(others, self.jacobian[:, k], rcond=None)[0]
+        return of_readings[:, k] - np.delete(of_readings, k, axis=1) @ coefficients
+
+    @property
     def gap(self) -> float:
         """Root mean square of the residual, K."""
         return float(np.sqrt(np.nanmean(self.residual_at_rows**2)))
@@ -148,7 +155,8 @@ def refit(
     for error, effect_parameters in problem.replaced_errors(active).items():
         # the effect takes over the value of the error
         size = effect_parameters.names[0]
-        moved |= {size: float(parameters[size]) + float(parameters[error]), error: 0.0}
+        taken_over = problem.taken_over(error, float(parameters[error]))
+        moved |= {size: float(parameters[size]) + taken_over, error: 0.0}
     initial = parameters.with_values(moved).estimating(problem.estimated_names(active))
     ahead = initial.flatten()
     if step is not None:

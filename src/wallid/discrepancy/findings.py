@@ -27,7 +27,8 @@ class Findings:
 
     Args:
         problem: the case prepared for the search.
-        before: the fit of the plain model.
+        plain: the estimate with the plain model, the noise estimated from its own residual (`wallid.estimate`).
+        before: the fit of the plain model with the noise of `after`, which the effects are compared with.
         after: the fit with the named effects.
         effects: the named effects, largest gain first.
         scores: the score test of the entire library against the plain model.
@@ -40,6 +41,7 @@ class Findings:
     """
 
     problem: DiagnosisProblem = field(repr=False)
+    plain: EffectFit = field(repr=False)
     before: EffectFit = field(repr=False)
     after: EffectFit = field(repr=False)
     effects: tuple[NamedEffect, ...]
@@ -50,6 +52,11 @@ class Findings:
     residual_tests_after: ResidualTests = field(repr=False)
     p_value_of_one_more: float
     rivals: tuple[EffectFit, ...] = field(repr=False)
+
+    @property
+    def final(self) -> EffectFit:
+        """The fit of the reported diffusivity: with the named effects, or the plain estimate where there is none."""
+        return self.after if self.effects else self.plain
 
     @property
     def verdict(self) -> str:
@@ -131,7 +138,7 @@ class Findings:
     @cached_property
     def interval_95(self) -> tuple[float, float]:
         """95 % interval of the diffusivity, m2/s: spans all alternatives, wider where a model error remains."""
-        low, high = self.after.interval_95
+        low, high = self.final.interval_95
         rivals = [fit for fit in self.rivals if any(effect in fit.active for effect in self._alternatives)]
         ends = [low, high, *(end for fit in rivals for end in fit.interval_95)]
         low, high = min(ends), max(ends)
@@ -142,10 +149,9 @@ class Findings:
             tests, gap = self.residual_tests_after, self.gap
             error = max(gap.after, gap.held_out_after or 0.0)
             factor = max(1.0, error / gap.noise_floor, np.sqrt(tests.statistic / tests.degrees_of_freedom))
-            centre = self.after.diffusivity
+            centre = self.final.diffusivity
             low, high = centre * (low / centre) ** factor, centre * (high / centre) ** factor
-            plain = self.before.diffusivity
-            low, high = min(low, plain), max(high, plain)
+            low, high = min(low, self.plain.diffusivity), max(high, self.plain.diffusivity)
         return float(low), float(high)
 
     @property

@@ -19,13 +19,15 @@ from jaxtyping import Array, Float
 from .._internal.arrays import on_device
 from ..inference.likelihood import LOG_DIFFUSIVITY, PROFILE_MODE
 from ..inference.noise_covariance import BinnedReadings
-from ..inference.nuisance_parameters import FacePositions, SensorOffsets, SensorPositions
+from ..inference.nuisance_parameters import CommonNoise, FacePositions, SensorOffsets, SensorPositions
 from ..inference.parameters import Parameters
 from .effects.base import AbstractEffect
 from .effects.equation_terms import ForcingData, Terms
 from .forward.first_order import BaseSolution, first_order_response, solve_base
 from .forward.response import face_response, simulate_readings
 
+DEPTH_SIGNS = np.array([1.0, -1.0])
+"""The depth inside the wall of each face's sensor, for one metre to the right of the face."""
 _MOST_OF_EFFECTS = 8  # parameters of effects that a fit may estimate without another compilation
 _COLUMNS = 32  # columns of a Jacobian per call of the compiled function, computed one after the other
 _CHUNK = 2  # directions of a linear wall computed together: more do not fit into the cache
@@ -54,7 +56,9 @@ class ModelWithEffects(eqx.Module):
         """The readings of the inner sensors, degC; `linear` leaves out the nonlinear effects."""
         terms, profile = self.terms(parameters, linear=linear), self.profile(parameters)
         diffusivity = self.diffusivity(parameters)
-        return simulate_readings(terms, self.forcing, diffusivity, profile, linear=linear, substeps=self.substeps)
+        readings = simulate_readings(terms, self.forcing, diffusivity, profile, linear=linear, substeps=self.substeps)
+        common = self.forcing.common_noise @ parameters.vector(parameters.of_kind(CommonNoise.kind))
+        return readings + common[:, None]
 
     def base_solution(self, parameters: Parameters) -> BaseSolution:
         """The solution of the linear part of the wall, about which the effects are linearised."""
@@ -74,23 +78,23 @@ class ModelWithEffects(eqx.Module):
         terms, change = jax.jvp(
             lambda values: self.terms(parameters.with_values(values), linear=False), (parameters.values,), (direction,)
         )
-        diffusivity, profile = self.diffusivity(parameters), self.profile(parameters)
-        return first_order_response(base, terms, change, self.forcing, diffusivity, profile, substeps=self.substeps)
+        diffusivity = self.diffusivity(parameters)
+        return first_order_response(base, terms, change, self.forcing, diffusivity, substeps=self.substeps)
 
     def diffusivity(self, parameters: Parameters) -> Array:
         """Diffusivity alpha, m2/s."""
         return jnp.exp(self.log_prior + parameters[LOG_DIFFUSIVITY])
 
     def profile(self, parameters: Parameters) -> Float[Array, " mode"]:
-        """Amplitudes of the sine modes of the initial profile, K."""
+        """Amplitudes of the wall's slowest modes in the initial profile, K."""
         return parameters.vector(parameters.of_kind(PROFILE_MODE))
 
     def terms(self, parameters: Parameters, *, linear: bool) -> Terms:
         """The terms of the wall with every effect at its parameters."""
-        position, offset, depth = (
+        position, offset, face_position = (
             parameters.vector(parameters.of_kind(kind.kind)) for kind in (SensorPositions, SensorOffsets, FacePositions)
         )
-        terms = Terms.plain(self.forcing).add(position=position, offset=offset, depth=depth)
+        terms = Terms.plain(self.forcing).add(position=position, offset=offset, depth=DEPTH_SIGNS * face_position)
         for effect in self.effects:
             if effect.linear or not linear:
                 names = zip(effect.parameters, effect.parameter_names(self.sensors), strict=True)

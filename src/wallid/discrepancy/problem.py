@@ -14,13 +14,20 @@ import numpy as np
 from .._internal.arrays import on_device
 from .._internal.errors import InputError
 from ..case.case_definition import Case
-from ..case.initial_profile import PROFILE_MODES
 from ..case.time_window import Window, diagnosis_window
 from ..case.wall_and_sensors import SIDES
-from ..inference.likelihood import LOG_DIFFUSIVITY, PROFILE_MODE
-from ..inference.noise_covariance import MAX_READINGS, BinnedReadings
-from ..inference.nuisance_parameters import FacePositions, SensorOffsets, SensorPositions
+from ..inference.likelihood import LOG_DIFFUSIVITY
+from ..inference.noise_covariance import BinnedReadings, NoiseShape, bin_readings
+from ..inference.noise_of_record import noise_shape_of_record
+from ..inference.nuisance_parameters import (
+    CommonNoise,
+    FacePositions,
+    SensorOffsets,
+    SensorPositions,
+    window_parameters,
+)
 from ..inference.parameters import Parameter, Parameters
+from ..inference.validity import distinguishable_range
 from ..models.state_space import require_x64
 from ..records.uniform_record import Record
 from .effects.base import AbstractEffect
@@ -28,9 +35,10 @@ from .effects.catalogue import library
 from .effects.heat_sources import AIRS
 from .effects.search_range import SearchRange, search_range_of_record
 from .forward.time_stepping import MAX_SUBSTEP
-from .model_with_effects import ModelWithEffects
-from .record_forcing import forcing_of_record
+from .model_with_effects import ModelWithEffects, face_impulse_response
+from .record_forcing import forcing_of_window
 
+_PLAIN_KINDS = (SensorOffsets(), SensorPositions(), FacePositions(), CommonNoise())
 _SENSOR_ERRORS = {  # the sensor error that an effect estimates without a prior
     "sensor_position": SensorPositions.kind,
     "sensor_offset": SensorOffsets.kind,
@@ -68,7 +76,7 @@ class DiagnosisProblem:
         case: the case.
         record: the rows used.
         model: the wall with all effects of the library.
-        bins: the readings, averaged over bins of rows.
+        bins, spacing: the readings, averaged over bins of rows, as from `bin_readings`.
         library: the effects with the names of their parameters.
         parameters: of the plain model at the prior diffusivity, each effect with size 0 at the first point of its
             grid. The plain model estimates those of the mask.
@@ -79,6 +87,7 @@ class DiagnosisProblem:
     record: Record
     model: ModelWithEffects = field(repr=False)
     bins: BinnedReadings = field(repr=False)
+    spacing: int
     library: tuple[EffectParameters, ...] = field(repr=False)
     parameters: Parameters = field(repr=False)
     search_range: SearchRange
@@ -107,6 +116,20 @@ class DiagnosisProblem:
             for one in active
             if one.effect.name in _SENSOR_ERRORS
         }
+
+    def taken_over(self, error: str, value: float) -> float:
+        """The size of an effect that replaces a sensor error of this value."""
+        return -value if error == f"{FacePositions.kind}[{SIDES[1]}]" else value
+
+    def noise_shape(self, parameters: Parameters) -> NoiseShape:
+        """The structure of the noise covariance, with the response to the faces at some parameters.
+
+        As in an estimate the response is that of the stated positions.
+        """
+        sensor_std = np.array([sensor.noise_std for sensor in self.case.sensors])
+        positions = parameters.of_kind(SensorPositions.kind, FacePositions.kind)
+        response = face_impulse_response(self.model, parameters.with_values(dict.fromkeys(positions, 0.0)))
+        return noise_shape_of_record(self.record, response, self.bins, self.spacing, sensor_std)
 
     def estimated_names(self, active: tuple[EffectParameters, ...]) -> tuple[str, ...]:
         """The names of the parameters that a fit with these effects estimates."""
@@ -157,38 +180,30 @@ def diagnosis_problem(case: Case) -> DiagnosisProblem:
     present = np.isfinite(record.sensors)
     if not present.any():
         raise InputError(f"{case.record.file}: no inner sensor has a reading in the rows used")
-    sensors = len(case.sensors)
     positions = tuple(sensor.position for sensor in case.sensors)
     search_range = search_range_of_record(record, positions, case.wall.length)
-    effects = library(sensors, record.regressors)
+    effects = library(len(case.sensors), record.regressors)
     model = ModelWithEffects(
-        forcing=forcing_of_record(case, record),
+        forcing=forcing_of_window(case, window),
         effects=effects,
         log_prior=on_device(np.log(case.wall.diffusivity_prior)),
         sensors=tuple(sensor.name for sensor in case.sensors),
         substeps=max(1, int(np.ceil(record.step / MAX_SUBSTEP))),
     )
-    bins = BinnedReadings(
-        observed=on_device(np.where(present, record.sensors, 0.0)),
-        present=on_device(present.astype(float)),
-        rows_per_bin=max(1, int(np.ceil(record.rows * sensors / MAX_READINGS))),
-    )
+    bins, spacing = bin_readings(present, np.where(present, record.sensors, 0.0))
     entries = tuple(EffectParameters(effect, effect.parameter_names(model.sensors)) for effect in effects)
     return DiagnosisProblem(
-        case, record, model, bins, entries, _parameters(case, window, search_range, entries), search_range
+        case, record, model, bins, spacing, entries, _parameters(case, window, search_range, entries), search_range
     )
 
 
 def _parameters(
     case: Case, window: Window, search_range: SearchRange, library: tuple[EffectParameters, ...]
 ) -> Parameters:
-    """The parameters of the plain model and of all effects."""
-    span = max(1.0, search_range.warmest - search_range.coldest)
-    parameters = [Parameter(LOG_DIFFUSIVITY, scale=0.1)]
-    parameters += [Parameter(f"{PROFILE_MODE}[{k}]", "K", prior_std=span / k) for k in range(1, PROFILE_MODES + 1)]
-    for kind in (SensorPositions(), SensorOffsets(), FacePositions()):
-        parameters += kind.parameters(case, window)
-    plain = Parameters.of(parameters).estimated_names
+    """The parameters of the plain model, which are those of an estimate, and of all effects."""
+    lowest, highest = np.log(np.array(distinguishable_range(case, window)) / case.wall.diffusivity_prior)
+    plain = window_parameters(case, window, _PLAIN_KINDS, plates=()).within(LOG_DIFFUSIVITY, lowest, highest)
+    parameters = []
     for one in library:
         first = next(iter(one.effect.scan(search_range)), {})
         for name, parameter in zip(one.names, one.effect.parameters, strict=True):
@@ -196,4 +211,4 @@ def _parameters(
             value = first.get(parameter.name, float(getattr(one.effect, parameter.name)))
             value = min(max(value, low), high)
             parameters.append(Parameter(name, parameter.unit, value, lower=low, upper=high, scale=parameter.scale))
-    return Parameters.of(parameters).estimating(plain)
+    return plain.followed_by(parameters).estimating(plain.estimated_names)

@@ -1,4 +1,4 @@
-"""The forcing data of a record."""
+"""The forcing data of a window of a case."""
 
 from __future__ import annotations
 
@@ -8,26 +8,33 @@ import scipy
 from .._internal.arrays import on_device
 from .._internal.units import DAY
 from ..case.case_definition import Case
-from ..models.finite_volume_wall import wall_cells
+from ..case.initial_profile import fit_profile
+from ..case.time_window import Window
+from ..case.wall_and_sensors import SIDES
+from ..inference.nuisance_parameters import common_noise_of_face, profile_mode_count
+from ..models.finite_volume_wall import Output, layer_nodes, wall_cells
+from ..models.window_inputs import full_order_model
 from ..records.uniform_record import Record
 from .effects.equation_terms import ForcingData
 
-_NODES = 61
 
-
-def forcing_of_record(case: Case, record: Record) -> ForcingData:
-    """The forcing data of a record: monotone cubics between its rows, and the cells of the wall.
+def forcing_of_window(case: Case, window: Window) -> ForcingData:
+    """The forcing data of a window: cubics between its rows, the cells of the wall and its initial profile.
 
     Args:
         case: the wall and its sensors.
-        record: the rows used.
+        window: the rows used.
     """
+    record, wall, nodes = case.record.window(window.row, window.rows), case.wall, case.choices.nodes
     rows = np.arange(record.rows)
 
-    def cubic(values: np.ndarray) -> np.ndarray:
+    def cubic(values: np.ndarray, slopes: np.ndarray | None = None) -> np.ndarray:
+        """Coefficients of the powers of s, (interval, power); slopes per row, None for monotone cubics."""
         present = np.isfinite(values)
         filled = values if present.all() else np.interp(rows, rows[present], values[present])
-        return scipy.interpolate.PchipInterpolator(rows, filled).c[::-1].T  # powers of s, (interval, power)
+        if slopes is not None:
+            return scipy.interpolate.CubicHermiteSpline(rows, filled, slopes).c[::-1].T
+        return scipy.interpolate.PchipInterpolator(rows, filled).c[::-1].T
 
     zeros = np.zeros(record.rows)
 
@@ -37,23 +44,30 @@ def forcing_of_record(case: Case, record: Record) -> ForcingData:
 
     heating = record.regressors.get("heating", zeros)
     largest = np.nanmax(np.abs(heating)) if np.isfinite(heating).any() else 0.0
-    positions, resistance, capacity = (case.wall.length * part for part in wall_cells(case.wall, _NODES))
+    relative_positions, *cells = wall_cells(wall, nodes)
+    positions, resistance, capacity = (wall.length * part for part in (relative_positions, *cells))
+    slopes = record.step * case.record.face_slopes[window.as_slice]
+    coefficients = fit_profile(case, window.row).coefficients
+    every_node = full_order_model(case, [Output(x) for x in positions[1:-1]])
     temperatures = np.concatenate([record.faces.ravel(), record.sensors.ravel()])
     return ForcingData(
         step=on_device(record.step),
-        faces=on_device(np.stack([cubic(record.faces[:, side]) for side in (0, 1)], axis=-1)),
+        faces=on_device(np.stack([cubic(record.faces[:, side], slopes[:, side]) for side in (0, 1)], axis=-1)),
         irradiance=on_device(regressor("irradiance")),
         outdoor=on_device(regressor("air_outdoor")),
         indoor=on_device(regressor("air_indoor")),
         heating=on_device(regressor("heating") / (largest or 1.0)),
         hour=on_device(_hours(record)[:-1]),
-        start_profile=on_device(record.faces[0]),
+        initial=on_device(np.polynomial.polynomial.polyval(relative_positions[1:-1], coefficients)),
+        profile_modes=on_device(np.asarray(every_node.C)[len(case.sensors) :, ::-1][:, : profile_mode_count(case)]),
+        common_noise=on_device(np.stack([common_noise_of_face(record, side) for side in SIDES], axis=1)),
         reference=on_device(np.nanmean(temperatures)),
         node_positions=on_device(positions),
         resistance=on_device(resistance),
         capacity=on_device(capacity),
+        layer_nodes=on_device(layer_nodes(wall, relative_positions)),
         sensor_positions=on_device(np.array([sensor.position for sensor in case.sensors])),
-        length=on_device(case.wall.length),
+        length=on_device(wall.length),
     )
 
 

@@ -21,8 +21,8 @@ def diagnosis_entries(findings: Findings) -> dict[str, Any]:
     effects = findings.effects if verdict in ("named", "confusable") else ()
     gap = findings.gap
     return {
-        "diffusivity": _diffusivity(findings.after, findings.interval_95),
-        "diffusivity_before": _diffusivity(findings.before, findings.before.interval_95),
+        "diffusivity": _diffusivity(findings.final, findings.interval_95),
+        "diffusivity_before": _diffusivity(findings.plain, findings.plain.interval_95),
         "verdict": verdict,
         "effects": [
             {

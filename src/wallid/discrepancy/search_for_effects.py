@@ -42,7 +42,7 @@ def diagnose(case: Case, *, progress: Progress = lambda stage, share: None) -> D
     progress("diagnose: fitting the plain model", 0.35)
     plain = selection.fit_plain_model()
     progress("diagnose: ranking all effects and pairs", 0.5)
-    scores = selection.score_candidates(plain)
+    plain_estimate, scores = selection.plain_estimate(plain), selection.score_candidates(plain)
     chosen = selection.select_first(
         plain, scores, lambda share: progress("diagnose: fitting the best candidates", 0.55 + 0.15 * share)
     )
@@ -54,6 +54,7 @@ def diagnose(case: Case, *, progress: Progress = lambda stage, share: None) -> D
         plain = selection.plain_model_with_noise_of(best)
     diagnosis = Diagnosis(
         problem=selection.problem,
+        plain=plain_estimate,
         before=plain,
         after=best,
         effects=effects,

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from ..inference.noise_covariance import NoiseCovariance
+from ..inference.whittle_likelihood import MIN_READINGS, estimate_noise
 from .acceptance import FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL, penalised_cost, reason_for_refusal
 from .cross_validation import effect_by_window, held_out, held_out_cost
 from .effect_fit import EffectFit, refit
 from .effect_results import NamedEffect, Trial
 from .problem import DiagnosisProblem, EffectParameters
-from .residual_noise import DiagnosisNoiseShape, estimate_noise
 from .residual_tests import omnibus_directions, run_residual_tests
 from .score_test import (
     CandidateJacobian,
@@ -34,6 +34,7 @@ _GAIN_MARGIN = 0.35  # relative error allowed for in an expected gain
 _EXCHANGE_MARGIN = 0.2  # the same where one effect is exchanged for another
 _MODEL_ERROR = 1e-3  # share of the gain of an effect that its discretisation may leave in the residual: 3 % of its size
 _MAX_ROUNDS = 4
+_CONVERGED = 0.05  # standard errors of ln(alpha) by which the last iteration of the plain estimate may change it
 
 
 class StepwiseSelection:
@@ -54,15 +55,38 @@ class StepwiseSelection:
     def fit_plain_model(self) -> EffectFit:
         """Fit the plain model, with the noise estimated beside the entire library."""
         problem = self.problem
-        stated = DiagnosisNoiseShape(problem, problem.parameters).covariance_of(1.0, 0.0, 0.8)
+        stated = problem.noise_shape(problem.parameters).stated_covariance()
         return self.refit_with_estimated_noise(refit(problem, (), problem.parameters, stated))
 
+    def plain_estimate(self, plain: EffectFit) -> EffectFit:
+        """The plain model as `wallid.estimate` fits it: with the noise estimated from its own residual.
+
+        Where an effect is missing, this noise contains its trace, and that of the search does not.
+        """
+        fit = plain
+        for _ in range(_MAX_ROUNDS):
+            jacobian, residual = fit.unwhitened()
+            shape = self.problem.noise_shape(fit.parameters)
+            if len(residual) - jacobian.shape[1] >= MIN_READINGS:
+                noise = estimate_noise(shape, residual, jacobian.T, fit.sensitivity)
+            else:
+                noise = shape.stated_covariance()
+            last, fit = fit, refit(self.problem, (), fit.parameters, noise)
+            if abs(np.log(fit.diffusivity / last.diffusivity)) < _CONVERGED * fit.log_std:
+                break
+        return fit
+
     def refit_with_estimated_noise(self, fit: EffectFit) -> EffectFit:
-        """Fit the same model again, with the noise estimated orthogonally to the library and the omnibus directions."""
+        """Fit the same model again, with the noise estimated orthogonally to the library and the omnibus directions.
+
+        Where these leave too few readings, the noise is as stated.
+        """
         problem = self.problem
         jacobian, residual = fit.unwhitened()
         directions = np.concatenate([self.candidate_jacobian(fit).columns, jacobian.T, *omnibus_directions(fit)])
-        noise = estimate_noise(DiagnosisNoiseShape(problem, fit.parameters), residual, directions)
+        shape = problem.noise_shape(fit.parameters)
+        noise = estimate_noise(shape, residual, directions)
+        noise = noise if noise.degrees_of_freedom >= MIN_READINGS else shape.stated_covariance()
         return refit(problem, fit.active, fit.parameters, noise)
 
     def plain_model_with_noise_of(self, fit: EffectFit) -> EffectFit:
@@ -102,7 +126,7 @@ class StepwiseSelection:
         step = shifts | {scores.effect(k).names[0]: size for k, size in zip(chosen, sizes.tolist(), strict=True)}
         for error, effect_parameters in problem.replaced_errors(active).items():
             if effect_parameters not in base.active:
-                step[effect_parameters.names[0]] += shifts.get(error, 0.0)
+                step[effect_parameters.names[0]] += problem.taken_over(error, shifts.get(error, 0.0))
         fit = refit(problem, active, parameters, base.noise, step=step)
         if not fit.cost < base.cost:  # the linear prediction was too far off: start from the base
             fit = min(fit, refit(problem, active, parameters, base.noise), key=lambda fit: fit.cost)

@@ -42,14 +42,14 @@ _SEPARATING_MEASUREMENTS = (
 
 def verdict_sentence(findings: Findings) -> str:
     """The verdict in one or a few sentences."""
-    gap, after, before, problem = findings.gap, findings.after, findings.before, findings.problem
+    gap, final, plain, problem = findings.gap, findings.final, findings.plain, findings.problem
     verdict = findings.verdict
     low, high = findings.interval_95
     if verdict == "uninformative":
         return f"This record does not determine the diffusivity: its 95 % interval is {low:.2g} to {high:.2g} m2/s."
     if verdict == "adequate":
         return (
-            f"This record shows no missing effect: the diffusivity is {after.diffusivity:.4g} m2/s and the rms "
+            f"This record shows no missing effect: the diffusivity is {final.diffusivity:.4g} m2/s and the rms "
             f"residual {gap.after:.3g} K, where noise alone gives {gap.noise_floor:.3g} K.{_rejected(findings)}"
         )
     if verdict == "unnamed":
@@ -68,7 +68,7 @@ def verdict_sentence(findings: Findings) -> str:
     )
     text = (
         f"{named[:1].upper()}{named[1:]} {verb} missing; with {pronoun} the diffusivity goes from "
-        f"{before.diffusivity:.4g} to {after.diffusivity:.4g} m2/s{held_out}; the noise gives {gap.noise_floor:.3g} K."
+        f"{plain.diffusivity:.4g} to {final.diffusivity:.4g} m2/s{held_out}; the noise gives {gap.noise_floor:.3g} K."
     )
     if verdict == "confusable":
         text += " " + " ".join(_ambiguity(effect, problem) for effect in findings.effects if effect.alternatives)
@@ -103,8 +103,8 @@ def diagnosis_summary(findings: Findings) -> str:
     low, high = findings.interval_95
     lines = [
         f"verdict      {findings.verdict}: {verdict_sentence(findings)}",
-        f"diffusivity  {findings.after.diffusivity:.4g} m2/s   (95 %: {low:.4g} to {high:.4g}); "
-        f"plain model {findings.before.diffusivity:.4g}",
+        f"diffusivity  {findings.final.diffusivity:.4g} m2/s   (95 %: {low:.4g} to {high:.4g}); "
+        f"plain model {findings.plain.diffusivity:.4g}",
         f"readings     {problem.record.rows} rows, {findings.after.noise}",
         f"residual     omnibus test p = {tests[0].p_value:.2g} before, {tests[1].p_value:.2g} after",
     ]

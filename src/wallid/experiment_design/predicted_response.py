@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields, replace
 import equinox as eqx
 import jax
 import numpy as np
+import scipy
 from jaxtyping import Array, Float
 
 from .._internal.arrays import on_device
@@ -22,6 +23,7 @@ from ..models.finite_volume_wall import Output, finite_volume_model
 from ..models.flux_plates import plate_outputs
 from ..models.integration import run_rows
 from ..models.state_space import StateSpace
+from ..models.window_inputs import boundary_inputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +59,7 @@ class ResponseModel:
 
     Args:
         positions: of the sensors, m from the left face.
-        refinement: time steps per row of the record; the face temperatures are interpolated linearly between rows.
+        refinement: time steps per row of the record; the face temperatures are cubics between rows.
     """
 
     def __init__(self, case: Case, positions: Sequence[float], refinement: int = 1):
@@ -69,27 +71,35 @@ class ResponseModel:
         ).modal()
         self.scale = scales(case)
 
-    def faces(self, start: int, rows: int) -> Float[np.ndarray, "time face"]:
-        """Face temperatures in a window, degC: linear between rows, constant after the end of the record."""
-        faces = np.asarray(self.case.record.faces[start : start + rows])
-        faces = np.pad(faces, ((0, rows - len(faces)), (0, 0)), mode="edge")
+    def faces(self, start: int, rows: int) -> tuple[Float[np.ndarray, "time face"], Float[np.ndarray, "time face"]]:
+        """Face temperatures in a window, degC, and their rates of change, K/s; constant after the record's end."""
+        record = self.case.record
+        given = [np.asarray(part[start : start + rows]) for part in (record.faces, record.face_slopes)]
+        beyond = (0, rows - len(given[0])), (0, 0)
+        faces, slopes = np.pad(given[0], beyond, mode="edge"), np.pad(given[1], beyond)
         if self.refinement == 1:
-            return faces
-        times = np.arange((rows - 1) * self.refinement + 1) / self.refinement
-        return np.stack([np.interp(times, np.arange(rows), face) for face in faces.T], axis=1)
+            return faces, slopes
+        times = record.step * np.arange((rows - 1) * self.refinement + 1) / self.refinement
+        cubics = scipy.interpolate.CubicHermiteSpline(record.step * np.arange(rows), faces, slopes)
+        return cubics(times), cubics.derivative()(times)
 
     def predict(
-        self, starts: np.ndarray, rows: int, diffusivity: float, faces: np.ndarray | None = None
+        self,
+        starts: np.ndarray,
+        rows: int,
+        diffusivity: float,
+        faces: Sequence[tuple[np.ndarray, np.ndarray]] | None = None,
     ) -> PredictedResponse:
         """The predicted response in several windows.
 
         Args:
             starts: first rows of the windows, `(window,)`. rows: of the record in each window.
             diffusivity: m2/s.
-            faces: face temperatures, degC, `(window, time, face)`; None for those of the record.
+            faces: face temperatures, degC, and their slopes, K/s, in each window; None for those of the record.
         """
         case, scale = self.case, self.scale
-        faces = np.stack([self.faces(int(row), rows) for row in starts]) if faces is None else faces
+        faces = [self.faces(int(row), rows) for row in starts] if faces is None else faces
+        values, slopes = (np.stack(part) for part in zip(*faces, strict=True))
         profiles = [fit_profile(case, int(row)) for row in starts]
         initial = np.stack([dimensionless_profile(profile.coefficients, scale) for profile in profiles])
         fourier, step = scale.fourier_number(diffusivity), case.record.step / scale.time / self.refinement
@@ -97,13 +107,13 @@ class ResponseModel:
             self.system,
             on_device(fourier),
             on_device(step),
-            on_device(scale.dimensionless(faces)),
+            on_device(boundary_inputs(scale, values, slopes)),
             on_device(initial),
         )
         P, outputs, modes = len(self.positions), len(self.outputs), min(PROFILE_MODES, case.choices.nodes - 2)
         rates = np.asarray(self.system.A)[::-1][:modes]
         shapes = np.asarray(self.system.C)[:outputs, ::-1][:, :modes]
-        decay = np.exp(fourier * step * np.outer(rates, np.arange(faces.shape[1])))
+        decay = np.exp(fourier * step * np.outer(rates, np.arange(values.shape[1])))
         u = np.asarray(u)
         return PredictedResponse(
             temperature=np.concatenate([scale.celsius(u[:, :, :P]), scale.temperature * u[:, :, P:outputs]], axis=2),
@@ -111,7 +121,7 @@ class ResponseModel:
             gradient=scale.temperature / case.wall.length * u[:, :, outputs:],
             face_response=np.asarray(response)[:, :, :outputs],
             initial_modes=decay[:, :, None] * shapes.T[:, None, :],
-            faces=faces,
+            faces=values,
             positions=self.positions,
         )
 
@@ -121,7 +131,7 @@ def _run(
     system: StateSpace,
     fourier: Float[Array, ""],
     step: Float[Array, ""],
-    inputs: Float[Array, "window time input"],
+    inputs: Float[Array, "window time column"],
     initial: Float[Array, "window param"],
 ) -> tuple[Array, Array, Array]:
     """u and theta in each window, and the face response; compiled once for all diffusivities."""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from .._internal.errors import InputError
 from ..case.case_definition import Case
@@ -26,7 +27,7 @@ class SamplingComparison:
     Args:
         steps: sampling steps, s, `(step,)`. rows: number of rows of the window at each step.
         std: expected relative standard error of the diffusivity, dimensionless.
-        interpolation_bias: relative bias of the diffusivity from linear interpolation of the face temperatures between
+        interpolation_bias: relative bias of the diffusivity from interpolation of the face temperatures between
             rows; 0 for the record's step and finer ones, where the true temperatures between rows are unknown.
         record_step: the record's step, s.
         diffusivity: at which all was computed, m2/s.
@@ -73,7 +74,7 @@ def compare_sampling_steps(
 
     Each reading has the stated noise. With a coarser step the face temperatures are interpolated linearly between rows;
     the bias that this causes is given too. Between two rows of the record itself the true face temperatures are
-    unknown, so for finer steps they are taken as linear.
+    unknown, so for finer steps they are taken as cubics.
 
     Args:
         window: rows of the record; None for the whole record, or its longest unbroken part. All sensors are assumed to
@@ -100,7 +101,8 @@ def compare_sampling_steps(
         raise InputError(f"factors = {list(factors)}: each leaves fewer than {MIN_ROWS} of {window.rows} rows")
     model = ResponseModel(case, [sensor.position for sensor in case.sensors], refine)
     faces = model.faces(window.row, window.rows)
-    faces = np.stack([faces, *(_interpolated_faces(faces, int(stride)) for stride in strides)])
+    fine_step = case.record.step / refine
+    faces = [faces, *(_interpolated_faces(faces[0], int(stride), fine_step) for stride in strides)]
     starts = np.full(len(faces), window.row)
     predicted = model.predict(starts, window.rows, alpha, faces)
     rows, results = (fine - 1) // strides + 1, []
@@ -154,7 +156,9 @@ def _strides(factors: Sequence[float]) -> tuple[int, np.ndarray]:
     return refine, np.unique(rounded.astype(int))
 
 
-def _interpolated_faces(faces: np.ndarray, stride: int) -> np.ndarray:
-    """Face temperatures read every `stride` rows and interpolated linearly between."""
-    rows = np.arange(len(faces))
-    return np.stack([np.interp(rows, rows[::stride], face[::stride]) for face in faces.T], axis=1)
+def _interpolated_faces(faces: np.ndarray, stride: int, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Face temperatures read every `stride` rows and interpolated by cubics between, and their slopes, K/s."""
+    read = np.arange(0, len(faces), stride)
+    rows = np.arange(len(faces)).clip(max=read[-1])
+    cubics = scipy.interpolate.PchipInterpolator(read, faces[read])
+    return cubics(rows), cubics.derivative()(rows) / step

@@ -227,6 +227,7 @@ def window_information(
     """
     beyond = (0, max(rows))
     inputs = np.pad(np.asarray(data.inputs), (beyond, (0, 0)), mode="edge")
+    inputs[data.inputs.shape[0] :, 2:] = 0.0  # constant faces have no slopes
     weight = np.pad(np.asarray(data.weight), (beyond, (0, 0)))
     extended = eqx.tree_at(lambda d: (d.inputs, d.weight), data, (on_device(inputs), on_device(weight)))
     shared = (system, fourier, extended, plates, rows, sweep, integrator)

@@ -19,10 +19,10 @@ from ..models.integration import Integrator
 from ..models.state_space import StateSpace
 from ..models.wall_parameters import clipped_to_prior
 from ..models.window_inputs import WindowData
-from .gap_covariance import gap_errors
 from .gls_fit import GLSFit
 from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, LikelihoodProblem, face_response, minimise
-from .noise_covariance import NoiseCovariance, NoiseShape, bin_readings, restricted_to_reading_rows
+from .noise_covariance import NoiseCovariance, NoiseShape, bin_readings
+from .noise_of_record import noise_shape_of_record
 from .nuisance_parameters import (
     NUISANCE_KINDS,
     Linearisation,
@@ -33,12 +33,11 @@ from .nuisance_parameters import (
 )
 from .parameters import Parameters
 from .validity import distinguishable_range
-from .whittle_likelihood import estimate_noise
+from .whittle_likelihood import MIN_READINGS, estimate_noise
 
 _MAX_ITERATIONS = 4
 _MAX_WALL_ITERATIONS = 15  # with estimated wall parameters: each iteration builds the model again
 _CONVERGED = 0.1  # standard errors: the iteration ends when the estimate changes by less
-_MIN_READINGS = 30  # beyond the number of parameters: from fewer the noise is not estimated
 
 
 def fit_generalised_least_squares(
@@ -117,7 +116,7 @@ class _IteratedGLS:
         readings: the number of means over bins that contain a reading.
         conductivity: W/m/K, the reference value; 0 without a flux.
         bounds: of the diffusivity, m2/s.
-        fill_std: of the faces' interpolation in the window's rows, K; None where every row was read.
+        record: the window's rows.
     """
 
     def __init__(
@@ -139,7 +138,7 @@ class _IteratedGLS:
         self.readings = int((np.asarray(self.bins.counts()) > 0).sum())
         self.conductivity = initial_conductivity(case, window) if LOG_CONDUCTIVITY in self.parameters else 0.0
         self.bounds = distinguishable_range(case, window)
-        self.fill_std = case.record.window(window.row, window.rows).fill_std
+        self.record = case.record.window(window.row, window.rows)
 
     def diffusivity(self, parameters: Parameters) -> float:
         """The diffusivity, m2/s."""
@@ -153,7 +152,7 @@ class _IteratedGLS:
     @property
     def noise_can_be_estimated(self) -> bool:
         """Whether there are enough readings to estimate the noise from."""
-        return self.readings - len(self.parameters.estimated_names) >= _MIN_READINGS
+        return self.readings - len(self.parameters.estimated_names) >= MIN_READINGS
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -167,9 +166,7 @@ class _IteratedGLS:
         conductivity = 0.0
         if LOG_CONDUCTIVITY in parameters:
             conductivity = self.conductivity * math.exp(float(parameters[LOG_CONDUCTIVITY]))
-        shape = self._noise_shape(
-            system, scales(case).fourier_number(point.diffusivity), conductivity / case.wall.length
-        )
+        shape = self._noise_shape(system, point, conductivity / case.wall.length)
         estimated = self.noise_option == "estimated" and self.noise_can_be_estimated
         noise = _noise_of_residual(shape, last) if last is not None and estimated else shape.stated_covariance()
         problem = LikelihoodProblem(
@@ -193,20 +190,19 @@ class _IteratedGLS:
         iterations = 1 if last is None else last.iterations + 1
         return GLSFit(problem, minimum, shape, noise, self.kinds, chi_square, estimated, iterations)
 
-    def _noise_shape(self, system: StateSpace, fourier: float, conductance: float) -> NoiseShape:
-        """The covariance's shape at a Fourier number, with the faces' noise propagated by this model.
+    def _noise_shape(self, system: StateSpace, point: Linearisation, conductance: float) -> NoiseShape:
+        """The covariance's shape at a point, with the faces' noise propagated by this model to the stated positions.
 
         Args:
             conductance: k/L, W/m2/K, by which the faces' noise enters the fluxes.
         """
-        case, data = self.case, self.data
-        response = np.array(face_response(system, on_device(fourier), data.step, data.observed.shape[0]))
+        case, (rows, _) = self.case, point.shape
+        time = on_device(scales(case).fourier_number(point.diffusivity)), self.data.step
+        response = np.array(face_response(system, *time, rows))
         plates = response.shape[2] - len(case.sensors)
         response[:, :, len(case.sensors) :] *= conductance
-        gaps = gap_errors(self.fill_std, case.record.boundary_noise_std, response, self.bins)
-        response, bins = restricted_to_reading_rows(response, self.bins, self.spacing)
         sensor_std = np.array([sensor.noise_std for sensor in case.sensors] + [flux_noise_std(case)] * plates)
-        return NoiseShape(response, bins, sensor_std, case.record.boundary_noise_std, gaps)
+        return noise_shape_of_record(self.record, response, self.bins, self.spacing, sensor_std)
 
 
 def _wall_converged(fit: GLSFit, before: Parameters, names: Sequence[str]) -> bool:

@@ -3,8 +3,8 @@
     R = S C S' + sum_f s_f^2 G_f C G_f' + sum_g E_g E_g',      C = v_w I + v_a AR(rho)
 
 `S` holds the stated standard deviations of the inner sensors, `s_f` is that of a face, and `G_f` the readings' response
-to a face reading. `E_g` is the effect of the interpolation of a face over the gap g (`gap_covariance`). White noise and
-autocorrelated noise (a first-order autoregression) have variances relative to the stated one. They are estimated
+to a face reading. `E_g` is the effect of the interpolation of a face over the gap g (`noise_of_record`). White noise
+and autocorrelated noise (a first-order autoregression) have variances relative to the stated one. They are estimated
 together with `rho` (`whittle_likelihood`). Position errors and offsets are no noise: they are parameters with priors.
 
 `R` is dense, so more than `MAX_READINGS` readings are replaced by means over bins of rows.

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from .._internal.arrays import on_device
 from ..case.case_definition import Case
@@ -32,6 +33,7 @@ from ..models.sensitivity_equations import simulate_window
 from ..models.state_space import StateSpace
 from ..models.wall_parameters import free_wall_parameters, prior_std_of
 from ..models.window_inputs import WindowData
+from ..records.uniform_record import Record
 from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, PLATE_GAIN, PROFILE_MODE, NuisanceModel
 from .parameters import Parameter, Parameters, kind_of, target_of
 from .position_errors import face_position_response, sensor_position_response
@@ -214,12 +216,10 @@ class CommonNoise(NuisanceKind):
 
     def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
         """The same noise in every inner sensor: the part of the face's readings that may be noise."""
-        columns, std = np.zeros((len(names), *point.shape)), point.case.record.boundary_noise_std
-        faces = np.asarray(point.case.record.window(point.window.row, point.window.rows).faces)
-        for k, name in enumerate(names if std > 0 else ()):
-            columns[k, :, : point.sensor_count] = wiener_filtered_noise(faces[:, SIDES.index(target_of(name))], std)[
-                :, None
-            ]
+        columns = np.zeros((len(names), *point.shape))
+        record = point.case.record.window(point.window.row, point.window.rows)
+        for k, name in enumerate(names):
+            columns[k, :, : point.sensor_count] = common_noise_of_face(record, target_of(name))[:, None]
         return LinearEffect(columns, np.zeros(len(names)))
 
 
@@ -233,21 +233,35 @@ NUISANCE_KINDS: tuple[NuisanceKind, ...] = (
 """The kinds of every estimate. The initial profile and the calibration of plates are parts of the model itself."""
 
 
-def window_parameters(case: Case, window: Window, kinds: Sequence[NuisanceKind] = NUISANCE_KINDS) -> Parameters:
+def profile_mode_count(case: Case) -> int:
+    """The number of modes of the initial profile that are estimated."""
+    return min(PROFILE_MODES, case.choices.nodes - 2)
+
+
+def window_parameters(
+    case: Case,
+    window: Window,
+    kinds: Sequence[NuisanceKind] = NUISANCE_KINDS,
+    plates: Sequence[str] | None = None,
+) -> Parameters:
     """The diffusivity and all nuisance parameters of a window, each with its prior.
 
     In this order: the logarithm of the diffusivity over its prior value; the kinds; the amplitudes of the initial
     profile's modes, K, known exactly where the case gives the profile; and, with flux plates, the logarithm of the
     conductivity and the calibration error of each plate.
+
+    Args:
+        kinds: of nuisance parameters.
+        plates: the faces whose flux is used; None for all of the case.
     """
     profile_known = fit_profile(case, window.row).eps_2 is None
     mode_std = 0.0 if profile_known else window_temperature_range(case, window)
-    plates = fluxes_of(case)
+    plates = fluxes_of(case) if plates is None else plates
     parameters = [Parameter(LOG_DIFFUSIVITY)]
     for kind in kinds:
         parameters += kind.parameters(case, window)
-    modes = min(PROFILE_MODES, case.choices.nodes - 2)
-    parameters += [Parameter(f"{PROFILE_MODE}[{k}]", "K", prior_std=mode_std / k) for k in range(1, modes + 1)]
+    modes = range(1, profile_mode_count(case) + 1)
+    parameters += [Parameter(f"{PROFILE_MODE}[{k}]", "K", prior_std=mode_std / k) for k in modes]
     if plates:
         parameters.append(Parameter(LOG_CONDUCTIVITY, prior_std=CONDUCTIVITY_STD))
         parameters += [Parameter(f"{PLATE_GAIN}[{face}]", prior_std=flux_gain_std(case)) for face in plates]
@@ -298,6 +312,13 @@ def linearise_nuisance(
         shapes=np.asarray(model.C)[:, ::-1][:, :modes],
         flux=np.full(len(fluxes_of(case)), conductivity / case.wall.length * float(point.data.temperature)),
     )
+
+
+def common_noise_of_face(record: Record, side: str) -> Float[np.ndarray, " time"]:
+    """The part of a face's readings that may be noise, K, which all sensors of one logger may have in common."""
+    std = record.boundary_noise_std
+    face = np.asarray(record.faces)[:, SIDES.index(side)]
+    return wiener_filtered_noise(face, std) if std > 0 else np.zeros(len(face))
 
 
 def wiener_filtered_noise(readings: np.ndarray, std: float) -> np.ndarray:

@@ -98,6 +98,23 @@ class Parameters(eqx.Module):
             units=tuple(parameter.unit for parameter in parameters),
         )
 
+    def within(self, name: str, lower: float, upper: float) -> Parameters:
+        """The same parameters, one with other bounds and its value between them."""
+        k = self.index(name)
+        value = float(np.clip(float(self.values[k]), lower, upper))
+        return eqx.tree_at(
+            lambda p: (p.values, p.lower, p.upper),
+            self,
+            (self.values.at[k].set(value), self.lower.at[k].set(lower), self.upper.at[k].set(upper)),
+        )
+
+    def followed_by(self, others: Iterable[Parameter]) -> Parameters:
+        """These parameters, then some others."""
+        more = Parameters.of(others)
+        arrays = ("values", "prior_std", "lower", "upper", "scale", "estimated")
+        joined = {name: jnp.concatenate([getattr(self, name), getattr(more, name)]) for name in arrays}
+        return Parameters(**joined, names=self.names + more.names, units=self.units + more.units)
+
     def __len__(self) -> int:
         return len(self.names)
 

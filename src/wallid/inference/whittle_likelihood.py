@@ -21,6 +21,8 @@ import scipy
 
 from .noise_covariance import NoiseCovariance, NoiseShape
 
+MIN_READINGS = 30
+"""Readings beyond the number of parameters; from fewer the noise is not estimated but taken as stated."""
 _MIN_SHARE = 0.3  # of a frequency that remains after the projection: with less it is not used
 _RANK_TOLERANCE = 1e-4  # of the projected directions, relative to the largest singular value
 _PRIOR_STD = 1.0  # of ln(total variance / stated variance)
@@ -34,8 +36,6 @@ def estimate_noise(
     residual: np.ndarray,
     directions: np.ndarray,
     sensitivity: np.ndarray | None = None,
-    *,
-    edge_correction: bool = True,
 ) -> NoiseCovariance:
     """The noise covariance estimated from a residual, some directions projected out.
 
@@ -45,15 +45,13 @@ def estimate_noise(
         directions: derivatives of the readings by parameters or candidate effects, `(direction, reading)`.
         sensitivity: derivative by one parameter, the others projected out, `(reading,)`, for the ratios of its standard
             error over the shapes of the noise; None for none.
-        edge_correction: whether the variance of autocorrelated noise is corrected for the two ends of the record, which
-            reduce its power at low frequencies.
 
     Returns:
         the covariance with the estimated variances and autocorrelation.
     """
     if len(shape.gap_errors):
         directions = np.concatenate([directions, shape.largest_gap_errors])
-    likelihood = _Whittle(shape, residual, directions, edge_correction)
+    likelihood = _Whittle(shape, residual, directions)
     grid = [(share, rho) for share in _SHARES for rho in _CORRELATIONS]
     share, rho, sizes, costs, totals = 0.0, 0.8, (1.0, 0.0, 0.8), np.zeros(len(grid)), np.zeros(len(grid))
     for _ in range(2):
@@ -90,8 +88,8 @@ def _log_low_frequency_power(share: float, rho: float, log_total: float) -> floa
 class _Whittle:
     """The Whittle likelihood of a residual, some directions projected out."""
 
-    def __init__(self, shape: NoiseShape, residual: np.ndarray, directions: np.ndarray, edge_correction: bool):
-        self.shape, self.edge_correction = shape, edge_correction
+    def __init__(self, shape: NoiseShape, residual: np.ndarray, directions: np.ndarray):
+        self.shape = shape
         spectrum = np.fft.rfft(shape.binned_response, 2 * shape.bin_count, axis=1)[:, : shape.bin_count]
         face_gain = (np.abs(spectrum) ** 2).sum(axis=0)  # (frequency, sensor)
         self.stated = shape.sensor_std**2 + shape.face_std**2 * face_gain
@@ -112,7 +110,7 @@ class _Whittle:
         if rho not in self.spectra:
             cov = self.shape.autocovariance(rho)
             omega = np.pi * np.arange(self.shape.bin_count) / self.shape.bin_count
-            ends = edge_spectrum(cov, omega) if self.edge_correction else 0.0
+            ends = edge_spectrum(cov, omega)
             self.spectra[rho] = np.maximum(2 * dct_spectrum(cov, omega) - cov[0] - ends, 1e-12)
         flat = white / self.shape.rows_per_bin + autocorrelated * self.spectra[rho]
         return (flat[:, None] * self.stated * self.present_share).T.reshape(-1)

@@ -1,10 +1,15 @@
 """The exact step of a linear model, as a diffrax solver.
 
-For inputs that are linear inside a step of length h:
+For inputs that are polynomials inside a step of length h, `q = sum_j c_j s^j` with s from 0 to 1:
 
-    x_1 = e^z x_0 + h (phi_1 - phi_2)(z) g q_0 + h phi_2(z) g q_1,     z = h (Fo A + A0), g = Fo B + B0
+    x_1 = e^z x_0 + sum_j h j! phi_{j+1}(z) g c_j,     z = h (Fo A + A0),     g = Fo B + B0
 
 with `phi_1(z) = (e^z - 1)/z`, `phi_k+1(z) = (phi_k(z) - 1/k!)/z`. It is exact to round-off for every h and every mesh.
+
+The inputs are given at the rows, in one of two ways:
+
+- values, `(time, input)`: straight lines between rows;
+- values, then their slopes (per unit of time), `(time, 2 input)`: cubics between rows (Hermite's).
 
 Source: Hochbruck and Ostermann, Acta Numerica 19 (2010), Section 2.1.
 """
@@ -12,18 +17,22 @@ Source: Hochbruck and Ostermann, Acta Numerica 19 (2010), Section 2.1.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from .state_space import StateSpace
 
 _SERIES_TERMS = 18  # 1/21! < 1e-19: for |z| < 1 the truncated terms are below round-off
+_LINES = np.array([[1.0, -1.0], [0.0, 1.0]])  # powers of s in the share of the value at each end of a step
+_CUBICS = np.array([[1.0, 0.0, -3.0, 2.0], [0.0, 0.0, 3.0, -2.0], [0.0, 1.0, -2.0, 1.0], [0.0, 0.0, -1.0, 1.0]])
+"""Powers of s in the share of the value at each end of a step, then of the slope at each end (Hermite's cubics)."""
 _MAX_SQUARINGS = 48  # expm gives NaN above it; 2^48 exceeds the norm of any practical mesh and step
 
 State = tuple[Float[Array, "*rows node"], Float[Array, "*rows node"] | None]
@@ -55,7 +64,8 @@ def phi_functions(z: Float[Array, "*shape"], highest: int = 3) -> tuple[Float[Ar
 class StepMap(eqx.Module):
     """One exact step: `x_1 = E x_0 + W0 q_0 + W1 q_1`, and its derivative by Fo.
 
-    `theta_1 = E theta_0 + E_theta x_0 + V0 q_0 + V1 q_1`. For a diagonal model `E` and `E_theta` are vectors.
+    `theta_1 = E theta_0 + E_theta x_0 + V0 q_0 + V1 q_1`. For a diagonal model `E` and `E_theta` are vectors. `q_0` and
+    `q_1` are the inputs at both ends: values, or values and slopes.
     """
 
     E: Array
@@ -92,34 +102,62 @@ def thin_product(matrix: Float[Array, "out few"], q: Float[Array, "*rows few"]) 
     return sum((q[..., k, None] * matrix[:, k] for k in range(1, matrix.shape[1])), q[..., :1] * matrix[:, 0])
 
 
-def step_map(system: StateSpace, fourier: Float[Array, ""], step: Float[Array, ""], *, sensitivity: bool) -> StepMap:
-    """The exact step of length `step` (in t_ref) for inputs that are linear inside it.
+def direct_term(system: StateSpace, step: StepMap) -> Float[Array, "output column"]:
+    """`D` with a column for each column of the inputs: zeros for slopes."""
+    return jnp.pad(system.D, ((0, 0), (0, step.W0.shape[1] - system.D.shape[1])))
+
+
+def step_map(
+    system: StateSpace, fourier: Float[Array, ""], step: Float[Array, ""], *, sensitivity: bool, cubic: bool = False
+) -> StepMap:
+    """The exact step of length `step` (in t_ref).
 
     For a diagonal model by the phi functions of its poles, for any other by a dense matrix exponential. Where the model
     has capacities, their square roots scale it first to a symmetric matrix, whose exponential is more accurate.
+
+    Args:
+        cubic: whether the inputs are values and slopes, for cubics inside the step; else values, for straight lines.
     """
-    if system.is_diagonal:
-        return _modal_step(system, fourier, step, sensitivity)
-    return _dense_step(system, fourier, step, sensitivity)
+    exact = _modal_step if system.is_diagonal else _dense_step
+    return exact(system, fourier, step, sensitivity, _CUBICS if cubic else _LINES)
 
 
-def _modal_step(system: StateSpace, fourier: Array, h: Array, sensitivity: bool) -> StepMap:
-    f = system.A
+def _at_both_ends(of_powers: Sequence[Array], shapes: np.ndarray, h: Array) -> tuple[Array, Array]:
+    """The effect of the inputs at the start and at the end of a step, from that of each power of s.
+
+    Args:
+        of_powers: one matrix for each power.
+        shapes: `_LINES` or `_CUBICS`.
+        h: length of the step, by which a slope is multiplied.
+    """
+    of_columns = [
+        sum(share * matrix for share, matrix in zip(shape, of_powers, strict=True) if share) for shape in shapes
+    ]
+    scaled = [matrix if k < 2 else h * matrix for k, matrix in enumerate(of_columns)]
+    start, end = (jnp.concatenate(scaled[k::2], axis=1) for k in (0, 1))
+    return start, end
+
+
+def _modal_step(system: StateSpace, fourier: Array, h: Array, sensitivity: bool, shapes: np.ndarray) -> StepMap:
+    f, powers = system.A, shapes.shape[1]
     rate = fourier * f if system.A0 is None else fourier * f + system.A0
     g = fourier * system.B if system.B0 is None else fourier * system.B + system.B0
-    E, phi_1, phi_2, phi_3 = (phi[:, None] for phi in phi_functions(h * rate))
-    W0, W1 = h * (phi_1 - phi_2) * g, h * phi_2 * g
+    E, *phis = (phi[:, None] for phi in phi_functions(h * rate, highest=powers + sensitivity))
+    factorial = [math.factorial(j) for j in range(powers)]
+    W0, W1 = _at_both_ends([h * factorial[j] * phis[j] * g for j in range(powers)], shapes, h)
     if not sensitivity:
         return StepMap(E[:, 0], W0, W1)
     # phi_k' = phi_k - k phi_{k+1}, and dz/dFo = h f
     dz = h * f[:, None]
-    V0 = h * ((phi_1 - 2 * phi_2 + 2 * phi_3) * dz * g + (phi_1 - phi_2) * system.B)
-    V1 = h * ((phi_2 - 2 * phi_3) * dz * g + phi_2 * system.B)
+    derivatives = [
+        h * factorial[j] * ((phis[j] - (j + 1) * phis[j + 1]) * dz * g + phis[j] * system.B) for j in range(powers)
+    ]
+    V0, V1 = _at_both_ends(derivatives, shapes, h)
     return StepMap(E[:, 0], W0, W1, (dz * E)[:, 0], V0, V1)
 
 
-def _dense_step(system: StateSpace, fourier: Array, h: Array, sensitivity: bool) -> StepMap:
-    """The exact step by a matrix exponential, with the value and the slope of each input as further states.
+def _dense_step(system: StateSpace, fourier: Array, h: Array, sensitivity: bool, shapes: np.ndarray) -> StepMap:
+    """The exact step by a matrix exponential, with the powers of s of each input as further states.
 
     Source: Van Loan, IEEE Trans. Autom. Control 23 (1978), 395.
     """
@@ -128,7 +166,7 @@ def _dense_step(system: StateSpace, fourier: Array, h: Array, sensitivity: bool)
     def scaled(matrix: Array) -> Array:
         return root[:, None] * matrix / root
 
-    n, m = system.B.shape
+    (n, m), powers = system.B.shape, shapes.shape[1]
     A, B = scaled(system.A), root[:, None] * system.B
     rate = fourier * A if system.A0 is None else fourier * A + scaled(system.A0)
     g = fourier * B if system.B0 is None else fourier * B + root[:, None] * system.B0
@@ -136,13 +174,14 @@ def _dense_step(system: StateSpace, fourier: Array, h: Array, sensitivity: bool)
         rate = jnp.block([[rate, jnp.zeros((n, n))], [A, rate]])
         g = jnp.concatenate([g, B])
     states = rate.shape[0]
-    augmented = jnp.zeros((states + 2 * m, states + 2 * m))
+    augmented = jnp.zeros((states + powers * m, states + powers * m))
     augmented = augmented.at[:states, :states].set(h * rate)
     augmented = augmented.at[:states, states : states + m].set(h * g)
-    augmented = augmented.at[states : states + m, states + m :].set(jnp.eye(m))
+    augmented = augmented.at[states:-m, states + m :].set(jnp.eye((powers - 1) * m))
     full = jax.scipy.linalg.expm(augmented, max_squarings=_MAX_SQUARINGS)[:states]
-    value, slope = full[:, states : states + m], full[:, states + m :]
-    W0, W1 = value - slope, slope
+    # the state of power j is s^j / j!
+    of_powers = [math.factorial(j) * full[:, states + j * m : states + (j + 1) * m] for j in range(powers)]
+    W0, W1 = _at_both_ends(of_powers, shapes, h)
 
     def unscaled(block: Array) -> Array:
         return block / root[:, None]
@@ -154,6 +193,20 @@ def _dense_step(system: StateSpace, fourier: Array, h: Array, sensitivity: bool)
     return StepMap(E, unscaled(W0[:n]), unscaled(W1[:n]), E_theta, unscaled(W0[n:]), unscaled(W1[n:]))
 
 
+def input_path(
+    time: Float[Array, " time"], inputs: Float[Array, "time column"], cubic: bool
+) -> diffrax.LinearInterpolation | diffrax.CubicInterpolation:
+    """The inputs as a function of time: straight lines between values, or cubics from values and slopes."""
+    if not cubic:
+        return diffrax.LinearInterpolation(time, inputs)
+    h = jnp.diff(time)[:, None]
+    value, slope = jnp.split(inputs, 2, axis=1)
+    change, first, last = jnp.diff(value, axis=0) / h, slope[:-1], slope[1:]
+    return diffrax.CubicInterpolation(
+        time, ((first + last - 2 * change) / h**2, (3 * change - 2 * first - last) / h, first, value[:-1])
+    )
+
+
 class ModelVectorField(eqx.Module):
     """The rates of a model with its inputs, as a diffrax vector field.
 
@@ -162,7 +215,17 @@ class ModelVectorField(eqx.Module):
 
     system: StateSpace
     fourier: Float[Array, ""]
-    inputs: diffrax.LinearInterpolation
+    inputs: diffrax.LinearInterpolation | diffrax.CubicInterpolation
+
+    @property
+    def cubic(self) -> bool:
+        """Whether the inputs are cubics between rows; else straight lines."""
+        return isinstance(self.inputs, diffrax.CubicInterpolation)
+
+    def at_end_of_step(self, t: Any) -> Float[Array, " column"]:
+        """The inputs for a `StepMap` at a time: values, and slopes if they are cubics."""
+        value = self.inputs.evaluate(t)
+        return jnp.concatenate([value, self.inputs.derivative(t)]) if self.cubic else value
 
     def __call__(self, t: Any, state: State, args: Any) -> State:
         """The rates of x and theta."""
@@ -190,11 +253,11 @@ def outputs(system: StateSpace, state: State, q: Float[Array, " input"]) -> tupl
 
 
 class Exponential(diffrax.AbstractSolver):
-    """The exact step for a `Flow`, as a diffrax solver.
+    """The exact step for a `ModelVectorField`, as a diffrax solver.
 
-    It is exact where the inputs are linear inside each step, so every row must be the end of a step (`StepToRows`, or
-    `diffrax.ClipStepSizeController`). The step map is computed again only where the length of the step changes. There
-    is no error estimate, so an adaptive controller cannot be used.
+    It is exact where the inputs are one polynomial inside each step, so every row must be the end of a step
+    (`StepToRows`, or `diffrax.ClipStepSizeController`). The step map is computed again only where the length of the
+    step changes. There is no error estimate, so an adaptive controller cannot be used.
     """
 
     term_structure: ClassVar = diffrax.ODETerm
@@ -208,7 +271,7 @@ class Exponential(diffrax.AbstractSolver):
         """The length of the first step and its map."""
         field = _vector_field_of(terms)
         h = jnp.asarray(t1 - t0)
-        return h, step_map(field.system, field.fourier, h, sensitivity=y0[1] is not None)
+        return h, step_map(field.system, field.fourier, h, sensitivity=y0[1] is not None, cubic=field.cubic)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         """One exact step from t0 to t1."""
@@ -220,9 +283,9 @@ class Exponential(diffrax.AbstractSolver):
         step = jax.lax.cond(
             same,
             lambda: previous,
-            lambda: step_map(field.system, field.fourier, h, sensitivity=y0[1] is not None),
+            lambda: step_map(field.system, field.fourier, h, sensitivity=y0[1] is not None, cubic=field.cubic),
         )
-        y1 = step.advance(y0, field.inputs.evaluate(t0), field.inputs.evaluate(t1))
+        y1 = step.advance(y0, field.at_end_of_step(t0), field.at_end_of_step(t1))
         state = (jnp.where(same, length, h), step)
         return y1, None, {"y0": y0, "y1": y1}, state, diffrax.RESULTS.successful
 

@@ -146,6 +146,12 @@ def wall_cells(
     return node_positions, resistance, np.diff(np.interp(bounds, edges, cumulative_capacity))
 
 
+def layer_nodes(wall: Wall, node_positions: np.ndarray) -> np.ndarray:
+    """The indices of the nodes at the edges of the layers, both faces included."""
+    edges, _, _ = _relative_properties(wall)
+    return np.abs(node_positions - edges[:, None]).argmin(axis=1)
+
+
 def _relative_properties(wall: Wall) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The layers' edges x*, conductivities and capacities over the wall's effective ones."""
     layers = wall.relative_layers()

@@ -1,6 +1,7 @@
 """Integration of a state space in time: `simulate` by diffrax, and `propagate`, the same exact step on uniform rows.
 
-The inputs are linear between rows. The default solver takes one exact step per row.
+The inputs are straight lines between rows, `(time, input)`, or cubics from their values and slopes, `(time, 2 input)`.
+The default solver takes one exact step per row.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, ScalarLike
 
 from .._internal.arrays import on_device
-from .exponential_solver import Exponential, ModelVectorField, State, outputs, step_map
+from .exponential_solver import Exponential, ModelVectorField, State, input_path, outputs, step_map
 from .recurrence.blocks import run_in_blocks
 from .recurrence.row_by_row import run_row_by_row
 from .recurrence.single_kernel import fits_single_kernel, run_in_one_kernel
@@ -51,7 +52,7 @@ def simulate(
     system: StateSpace,
     fourier: ScalarLike,
     time: Float[ArrayLike, " time"],
-    inputs: Float[ArrayLike, "time input"],
+    inputs: Float[ArrayLike, "time column"],
     initial: Float[ArrayLike, " param"],
     *,
     sensitivity: bool = False,
@@ -61,7 +62,7 @@ def simulate(
     adjoint: diffrax.AbstractAdjoint = diffrax.ForwardMode(),  # noqa: B008 (immutable)
     max_steps: int | None = None,
 ) -> tuple[Outputs, Outputs | None]:
-    """The outputs of a model under inputs that are linear between rows, by diffrax.
+    """The outputs of a model, by diffrax.
 
         x' = (Fo A + A0) x + (Fo B + B0) q,   u = C x + D q,   x(0) = P a
 
@@ -69,7 +70,8 @@ def simulate(
         system: a full-order or reduced-order model.
         fourier: Fo = t_ref alpha / L^2, 1.
         time: the rows' times in t_ref, `(time,)`, strictly increasing; the steps may differ.
-        inputs: the inputs `q` at the rows, `(time, input)`, 1.
+        inputs: the inputs `q` at the rows, `(time, input)`, 1, for straight lines between rows; or the inputs, then
+            their slopes per unit of t_ref, `(time, 2 input)`, for cubics between rows.
         initial: the coefficients `a` of the initial profile, `(param,)`, 1.
         sensitivity: also integrate theta = du/dFo by its explicit system.
         solver: `Exponential()` (exact), `diffrax.Heun()` or `diffrax.Midpoint()` (the paper's; stable for steps up to
@@ -115,7 +117,7 @@ def _simulate(
     adjoint: diffrax.AbstractAdjoint,
     max_steps: int | None,
 ) -> tuple[Outputs, Outputs | None]:
-    field = ModelVectorField(system, fourier, diffrax.LinearInterpolation(time, inputs))
+    field = ModelVectorField(system, fourier, input_path(time, inputs, _are_cubic(system, inputs)))
     steps_controller: diffrax.AbstractStepSizeController
     if controller is None:
         fractions = jnp.arange(substeps) / substeps
@@ -150,7 +152,7 @@ def propagate(
     system: StateSpace,
     fourier: ScalarLike,
     step: ScalarLike,
-    inputs: Float[ArrayLike, "time input"],
+    inputs: Float[ArrayLike, "time column"],
     initial: Float[ArrayLike, " param"],
     *,
     sensitivity: bool = False,
@@ -163,7 +165,8 @@ def propagate(
         system: a full-order or reduced-order model.
         fourier: Fo = t_ref alpha / L^2, 1.
         step: time between rows, in t_ref.
-        inputs: the inputs `q` at the rows, `(time, input)`, 1.
+        inputs: the inputs `q` at the rows, `(time, input)`, 1, for straight lines between rows; or the inputs, then
+            their slopes per unit of t_ref, `(time, 2 input)`, for cubics between rows.
         initial: the coefficients `a` of the initial profile, `(param,)`, 1.
         sensitivity: also compute theta = du/dFo.
 
@@ -192,12 +195,12 @@ def _propagate(
     sensitivity: bool,
 ) -> tuple[Outputs, Outputs | None]:
     _check_shapes(system, inputs, initial)
-    exact = step_map(system, fourier, step, sensitivity=sensitivity)
+    exact = step_map(system, fourier, step, sensitivity=sensitivity, cubic=_are_cubic(system, inputs))
     start = _initial_state(system, initial, sensitivity)
     if fits_single_kernel(system):
         return run_in_one_kernel(system, exact, start, inputs)
     run_segment = partial(run_in_blocks if system.is_diagonal else run_row_by_row, system, exact)
-    parts = [jax.tree.map(lambda row: row[None], outputs(system, start, inputs[0]))]
+    parts = [jax.tree.map(lambda row: row[None], outputs(system, start, inputs[0, : system.B.shape[1]]))]
     full_rows = (inputs.shape[0] - 1) // _SEGMENT_ROWS * _SEGMENT_ROWS
     if full_rows:
         # neighbouring segments share a row
@@ -218,7 +221,7 @@ def run_rows(
     system: StateSpace,
     fourier: ScalarLike,
     step: ScalarLike,
-    inputs: Float[ArrayLike, "time input"],
+    inputs: Float[ArrayLike, "time column"],
     initial: Float[ArrayLike, " param"],
     *,
     sensitivity: bool = False,
@@ -259,10 +262,17 @@ def _initial_state(system: StateSpace, initial: Float[Array, " param"], sensitiv
     return x0, (jnp.zeros_like(x0) if sensitivity else None)
 
 
+def _are_cubic(system: StateSpace, inputs: Array) -> bool:
+    """Whether the inputs are values and slopes, for cubics between rows."""
+    return inputs.shape[1] == 2 * system.B.shape[1]
+
+
 def _check_shapes(system: StateSpace, inputs: Array, initial: Array) -> None:
-    if inputs.ndim != 2 or inputs.shape[1] != system.B.shape[1]:
+    count = system.B.shape[1]
+    if inputs.ndim != 2 or inputs.shape[1] not in (count, 2 * count):
         raise ValueError(
-            f"inputs: shape {inputs.shape}; it must be (time, {system.B.shape[1]}), one column for each input"
+            f"inputs: shape {inputs.shape}; it must be (time, {count}), one column for each input, or "
+            f"(time, {2 * count}) with their slopes too"
         )
     if inputs.shape[0] < 2:
         raise ValueError("inputs: at least two rows are needed")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,8 +14,9 @@ from .._internal.arrays import on_device
 from .._internal.errors import InputError
 from ..case.case_definition import Case
 from ..case.initial_profile import dimensionless_profile, fit_profile, profile_degree, scales
+from ..case.scaling import Scales
 from ..case.time_window import MIN_FACE_RANGE, Window, check_unbroken, entire_record
-from ..case.wall_and_sensors import SIDES
+from ..case.wall_and_sensors import SIDES, Wall
 from .finite_volume_wall import Output, finite_volume_model
 from .state_space import StateSpace
 
@@ -24,7 +26,8 @@ class WindowData(eqx.Module):
 
     Args:
         step: of the rows, in t_ref.
-        inputs: dimensionless boundary temperatures (left, right).
+        inputs: dimensionless boundary temperatures (left, right), then their slopes per t_ref, by which they are cubics
+            between rows; without slopes, `(time, 2)`, straight lines.
         initial: dimensionless coefficients of the initial profile in x*.
         observed: readings of the sensors, degC, 0 where missing; plates' fluxes after them, W/m2.
         weight: of each reading, one over its standard deviation, 1/K; 0 where missing.
@@ -36,7 +39,7 @@ class WindowData(eqx.Module):
     """
 
     step: Float[Array, ""] = eqx.field(converter=on_device)
-    inputs: Float[Array, "time input"] = eqx.field(converter=on_device)
+    inputs: Float[Array, "time column"] = eqx.field(converter=on_device)
     initial: Float[Array, " param"] = eqx.field(converter=on_device)
     observed: Float[Array, "time sensor"] = eqx.field(converter=on_device)
     weight: Float[Array, "time sensor"] = eqx.field(converter=on_device)
@@ -60,11 +63,23 @@ class WindowData(eqx.Module):
         return self.step * jnp.arange(self.inputs.shape[0])
 
 
+def boundary_inputs(
+    scale: Scales, faces: Float[np.ndarray, "*rows face"], slopes: Float[np.ndarray, "*rows face"]
+) -> Float[np.ndarray, "*rows column"]:
+    """The inputs of a model that are cubics between rows: dimensionless boundary temperatures, then their slopes.
+
+    Args:
+        faces: boundary temperatures, degC.
+        slopes: their rates of change at the rows, K/s.
+    """
+    return np.concatenate([scale.dimensionless(faces), slopes * (scale.time / scale.temperature)], axis=-1)
+
+
 def window_data(case: Case, window: Window | None = None, *, weighted: bool = True) -> WindowData:
     """The model inputs and the readings of a window of a case.
 
     Args:
-        window: None for the entire record, with straight lines across its breaks.
+        window: None for the entire record, interpolated across its breaks.
         weighted: whether each reading is weighted by its sensor's noise; False gives the paper's plain sum of squares
             (one noise for all readings, the root mean square of the sensors').
 
@@ -90,7 +105,7 @@ def window_data(case: Case, window: Window | None = None, *, weighted: bool = Tr
         )
     return WindowData(
         step=part.step / scale.time,
-        inputs=scale.dimensionless(part.faces),
+        inputs=boundary_inputs(scale, part.faces, case.record.face_slopes[window.as_slice]),
         initial=dimensionless_profile(profile.coefficients, scale),
         observed=np.where(present, part.sensors, 0.0),
         weight=present / noise,
@@ -120,8 +135,13 @@ def full_order_model(case: Case, extra: Sequence[Output] = ()) -> StateSpace:
             "`wallid estimate` take a case with heat flux alone"
         )
     sensors = [Output(sensor.position, name=sensor.name) for sensor in case.sensors]
-    degree = profile_degree(case)
-    return finite_volume_model(case.wall, [*sensors, *extra], nodes=case.choices.nodes, profile_degree=degree).modal()
+    return _model_in_modes(case.wall, (*sensors, *extra), case.choices.nodes, profile_degree(case))
+
+
+@lru_cache(maxsize=32)
+def _model_in_modes(wall: Wall, outputs: tuple[Output, ...], nodes: int, degree: int) -> StateSpace:
+    """The model in its modes, built once for all that use it in a run."""
+    return finite_volume_model(wall, outputs, nodes=nodes, profile_degree=degree).modal()
 
 
 def check_driven(model: StateSpace, case: Case, window: Window | None = None) -> None:

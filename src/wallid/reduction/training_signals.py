@@ -14,6 +14,7 @@ from ..case.time_window import MIN_FACE_RANGE, HasBestWindow, Window, as_window
 from ..models.flux_plates import flux_noise_std, plate_outputs, wall_conductance
 from ..models.integration import Integrator
 from ..models.window_inputs import full_order_model
+from ..records.uniform_record import cubic_slopes
 from .modal_identification import LearnedModel, choose_order, learn_system
 from .variable_projection import TrainingSignals
 
@@ -70,8 +71,9 @@ def training_signals(case: Case, window: Window) -> TrainingSignals:
 
     The case's own learning signals, if it has any. Otherwise, at each learning diffusivity, the variation of each face
     alone over the window, from a steady state, so that both columns of G are learned. Of a long window only every so
-    many rows are used, with straight lines between. A face that is constant takes the other face's variation. In both
-    cases there is one more signal for each coefficient of the initial profile that is not a steady state.
+    many rows are used. The signals are cubics between rows, as a case's faces are. A face that is constant takes the
+    other face's variation. In both cases there is one more signal for each coefficient of the initial profile that is
+    not a steady state.
     """
     scale = scales(case)
     count, stride = profile_degree(case) + 1, 1
@@ -103,7 +105,9 @@ def training_signals(case: Case, window: Window) -> TrainingSignals:
     return TrainingSignals(
         fourier=np.array([scale.fourier_number(alpha) for alpha, _, _ in runs]),
         step=step / scale.time,
-        inputs=np.stack([faces for _, faces, _ in runs]),
+        inputs=np.stack(
+            [np.concatenate([faces, cubic_slopes(faces, step / scale.time)], axis=1) for _, faces, _ in runs]
+        ),
         initial=np.stack([initial for _, _, initial in runs]),
     )
 

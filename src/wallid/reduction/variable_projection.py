@@ -40,13 +40,14 @@ class TrainingSignals(eqx.Module):
     Args:
         fourier: Fo of each signal.
         step: the common step of the rows, in t_ref.
-        inputs: dimensionless boundary temperatures of each signal.
+        inputs: dimensionless boundary temperatures of each signal; with their slopes per t_ref after them for cubics
+            between rows.
         initial: coefficients of each signal's initial profile, dimensionless.
     """
 
     fourier: Float[Array, " signal"] = eqx.field(converter=on_device)
     step: Float[Array, ""] = eqx.field(converter=on_device)
-    inputs: Float[Array, "signal time input"] = eqx.field(converter=on_device)
+    inputs: Float[Array, "signal time column"] = eqx.field(converter=on_device)
     initial: Float[Array, "signal param"] = eqx.field(converter=on_device)
 
 
@@ -137,7 +138,7 @@ def learning_problem(
     """
     steady = _steady_inputs(full_order_model)
     learned = tuple(int(k) for k in np.flatnonzero(~np.any(steady != 0, axis=0)))
-    inputs, initial = np.asarray(signals.inputs), np.asarray(signals.initial)
+    inputs, initial = np.asarray(signals.inputs)[..., : full_order_model.B.shape[1]], np.asarray(signals.initial)
     varies = np.ptp(inputs, axis=1) > CONSTANT_TOLERANCE
     # a constant input that differs from the steady initial profile is a step at the start
     at_rest = ~np.any(initial[:, learned], axis=1)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 POWERS = 4
 """Coefficients of a cubic between two rows, in powers of s from 0 to 1."""
@@ -30,7 +30,7 @@ DERIVATIVE = np.diag(np.arange(1.0, POWERS), -1)
 class ForcingData(eqx.Module):
     """The face temperatures and regressors of a record, the nodes of the wall and the stated sensor positions.
 
-    Between rows each signal is a monotone cubic `sum_j c_j s^j`, with s from 0 at a row to 1 at the next.
+    Between rows each signal is a cubic `sum_j c_j s^j`, with s from 0 at a row to 1 at the next.
 
     Args:
         step: from row to row, s.
@@ -40,11 +40,15 @@ class ForcingData(eqx.Module):
         indoor: coefficients of the indoor air temperature, degC.
         heating: coefficients of the heating relative to its largest value, -.
         hour: hour of the day at each row but the last, h.
-        start_profile: temperatures of the two faces at the first row, degC; the initial profile is linear.
+        initial: temperatures of the inner nodes at the first row, degC: the polynomial through the first readings.
+        profile_modes: the slowest modes of the wall at the inner nodes, 1, each with a temperature of its own at the
+            first row.
+        common_noise: the part of each face's readings that may be noise, K, which all inner sensors may have too.
         reference: T0, the mean of all face and inner readings, degC.
         node_positions: positions of the nodes, faces included, m.
         resistance: of each cell between nodes times the effective conductivity of the wall, m.
         capacity: of the cell of each node over the effective volumetric capacity of the wall, m.
+        layer_nodes: indices of the nodes at the edges of the wall's layers, both faces included.
         sensor_positions: stated positions of the inner sensors, m.
         length: length of the wall, m.
     """
@@ -56,11 +60,14 @@ class ForcingData(eqx.Module):
     indoor: Float[Array, "interval power"]
     heating: Float[Array, "interval power"]
     hour: Float[Array, " interval"]
-    start_profile: Float[Array, " face"]
+    initial: Float[Array, " inner"]
+    profile_modes: Float[Array, "inner mode"]
+    common_noise: Float[Array, "time face"]
     reference: Float[Array, ""]
     node_positions: Float[Array, " node"]
     resistance: Float[Array, " cell"]
     capacity: Float[Array, " node"]
+    layer_nodes: Int[Array, " edge"]
     sensor_positions: Float[Array, " sensor"]
     length: Float[Array, ""]
 

@@ -79,7 +79,7 @@ def build_cells(terms: Terms, forcing: ForcingData) -> Cells:
     weight = film / (film + resistance[jnp.array([0, -1])])
     ends = jnp.array([0, -1])
     inner = capacity[1:-1].at[ends].add(weight * capacity[ends])
-    rows = _reading_weights(positions, resistance, forcing.sensor_positions + terms.position)
+    rows = _reading_weights(positions, resistance, forcing.layer_nodes, forcing.sensor_positions + terms.position)
     state = rows[:, 1:-1].at[:, ends].add(weight * rows[:, ends])
     face = (1.0 - weight) * rows[:, ends]
 
@@ -120,10 +120,18 @@ def _source_profile(position: Array | None, positions: Array, length: Array) -> 
     return jnp.exp(-0.5 * ((positions[1:-1] - position) / (SOURCE_WIDTH * length)) ** 2)
 
 
-def _reading_weights(positions: Array, resistance: Array, position: Array) -> Float[Array, "sensor all"]:
-    """Weights of all nodes for each reading: cubic in the cumulative resistance, in which joints cause no kink."""
+def _reading_weights(
+    positions: Array, resistance: Array, layer_nodes: Array, position: Array
+) -> Float[Array, "sensor all"]:
+    """Weights of all nodes for each reading: cubic in the cumulative resistance, in which joints cause no kink.
+
+    The nodes of a reading are in one layer of the stated wall, because the curvature jumps between layers.
+    """
     cumulative = jnp.concatenate([jnp.zeros(1), jnp.cumsum(resistance)])
-    first = jnp.clip(jnp.searchsorted(positions, position) - _STENCIL // 2, 0, positions.shape[0] - _STENCIL)
+    layers = layer_nodes.shape[0] - 1
+    layer = jnp.clip(jnp.searchsorted(positions[layer_nodes], position) - 1, 0, layers - 1)
+    first = jnp.searchsorted(positions, position) - _STENCIL // 2
+    first = jnp.clip(first, layer_nodes[layer], layer_nodes[layer + 1] + 1 - _STENCIL)
     stencil = first[:, None] + jnp.arange(_STENCIL)
     nodes = cumulative[stencil]
     at_sensor = jnp.interp(position, positions, cumulative)[:, None]
@@ -135,21 +143,14 @@ def _reading_weights(positions: Array, resistance: Array, position: Array) -> Fl
     return rows.at[jnp.arange(position.shape[0])[:, None], stencil].set(jnp.stack(weights, axis=1))
 
 
-def initial_state(wall: Cells, forcing: ForcingData, profile: Float[Array, " mode"]) -> Float[Array, " node"]:
-    """The state at the first row, degC: linear between the faces plus sine modes.
-
-    `T(x, 0) = T_l + (T_r - T_l) xi + sum_n a_n sin(n pi xi)`, xi from 0 at the left face to 1 at the right one.
+def initial_state(forcing: ForcingData, profile: Float[Array, " mode"]) -> Float[Array, " inner"]:
+    """The state at the first row, degC: the polynomial through the first readings plus the slowest modes of the wall.
 
     Args:
-        wall: the cells.
-        forcing: with the temperatures of the faces at the first row.
-        profile: amplitudes a_n, K.
+        forcing: with the polynomial and the modes at the inner nodes.
+        profile: amplitudes of the modes, K.
     """
-    ends = wall.positions[jnp.array([0, -1])]
-    xi = (wall.positions[1:-1] - ends[0]) / (ends[1] - ends[0])
-    modes = jnp.sin(jnp.pi * xi[:, None] * jnp.arange(1, profile.shape[0] + 1))
-    line = forcing.start_profile
-    return line[0] + (line[1] - line[0]) * xi + modes @ profile
+    return forcing.initial + forcing.profile_modes @ profile
 
 
 def rate_coefficients(

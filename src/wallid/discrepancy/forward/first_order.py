@@ -49,7 +49,6 @@ def first_order_response(
     change: Terms,
     forcing: ForcingData,
     diffusivity: Array,
-    profile: Float[Array, " mode"],
     *,
     substeps: int,
 ) -> Float[Array, "time sensor"]:
@@ -61,11 +60,10 @@ def first_order_response(
         change: the derivative of the terms.
         forcing: face temperatures, regressors and nodes.
         diffusivity: m2/s.
-        profile: amplitudes of the sine modes of the initial profile, K.
         substeps: parts of each interval of `base`, between which the heat source is linear.
     """
     system = base.system
-    (cells, _), (cells_change, initial) = jax.jvp(lambda t: _cells_and_start(t, forcing, profile), (terms,), (change,))
+    cells, cells_change = jax.jvp(lambda some: build_cells(some, forcing), (terms,), (change,))
 
     def response_to_source() -> tuple[Array, Array]:
         """The response of the modes to the source inside the wall, and the source, at each row."""
@@ -77,7 +75,7 @@ def first_order_response(
     # the other inputs and the changes of the faces are cubics that may jump at a row
     inputs = jnp.concatenate([cells.inputs[..., 2:], cells_change.inputs], axis=-1)
     input_matrix = jnp.concatenate([system.to_modes @ cells_change.heat_input_matrix, system.input_matrix], axis=1)
-    m = m + system.integrate(system.to_modes @ initial, inputs, input_matrix, forcing.step)
+    m = m + system.integrate(jnp.zeros_like(system.poles), inputs, input_matrix, forcing.step)
     rates = m * system.poles + f + inputs_at_rows(inputs, forcing.step)[0] @ input_matrix.T
     q, _ = inputs_at_rows(base.wall.inputs, forcing.step)
     modes = base.modes[::substeps]
@@ -104,22 +102,16 @@ def solve_base(
         terms: the terms that effects change.
         forcing: face temperatures, regressors and nodes.
         diffusivity: m2/s.
-        profile: amplitudes of the sine modes of the initial profile, K.
+        profile: amplitudes of the modes of the initial profile, K.
         substeps: parts of each interval between rows.
     """
     wall, step = build_cells(terms, forcing), forcing.step / substeps
     system, inputs = modal_decomposition(wall, diffusivity), _refine(wall.inputs, substeps)
-    modes = system.integrate(system.to_modes @ initial_state(wall, forcing, profile), inputs, system.input_matrix, step)
+    modes = system.integrate(system.to_modes @ initial_state(forcing, profile), inputs, system.input_matrix, step)
     q, _ = inputs_at_rows(inputs, step)
     T = jnp.concatenate([q[:, :1], modes @ system.to_nodes.T, q[:, 1:2]], axis=1)
     flux = diffusivity * jnp.diff(T, axis=1) / wall.resistance
     return BaseSolution(wall, system, modes, step, T, flux, jnp.diff(flux, axis=1) / wall.capacity)
-
-
-def _cells_and_start(terms: Terms, forcing: ForcingData, profile: Array) -> tuple[Cells, Array]:
-    """The cells and the state at the first row."""
-    wall = build_cells(terms, forcing)
-    return wall, initial_state(wall, forcing, profile)
 
 
 def _acts_inside(cells_change: Cells, change: Terms) -> Array:

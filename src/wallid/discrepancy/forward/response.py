@@ -29,12 +29,12 @@ def simulate_readings(
         terms: the terms that effects change.
         forcing: face temperatures, regressors and nodes.
         diffusivity: m2/s; with layers or joints the effective one of the wall.
-        profile: amplitudes of the sine modes of the initial profile, K.
+        profile: amplitudes of the modes of the initial profile, K.
         linear: True for the exact solution in modes; False for integration by diffrax.
         substeps: steps of the integration between two rows.
     """
     wall = build_cells(terms, forcing)
-    initial = initial_state(wall, forcing, profile)
+    initial = initial_state(forcing, profile)
     if linear:
         value, rate = simulate_linear_wall(wall, forcing, diffusivity, initial)
     else:

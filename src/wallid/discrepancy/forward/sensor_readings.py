@@ -45,7 +45,7 @@ def _hermite(value: Array, rate: Array, step: Array) -> Float[Array, "interval p
 
 
 def _delayed(value: Array, rate: Array, delay: Array, step: Array) -> tuple[Array, Array]:
-    """`T(t - delay)` and its rate from the cubics, with lirecursive extrapolation beyond the record."""
+    """`T(t - delay)` and its rate from the cubics, with linear extrapolation beyond the record."""
     cubics = _hermite(value, rate, step)
     row = jnp.arange(value.shape[0]) - delay / step
     interval = jnp.clip(jnp.floor(row).astype(int), 0, cubics.shape[0] - 1)

@@ -10,13 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..exponential_solver import State, StepMap, thin_product
+from ..exponential_solver import State, StepMap, direct_term, thin_product
 from ..state_space import StateSpace
 from .row_by_row import MAX_ORDER_FOR_SUMS, SegmentResult
 
 
 def run_in_blocks(
-    system: StateSpace, exact: StepMap, state: State, inputs: Float[Array, "time input"]
+    system: StateSpace, exact: StepMap, state: State, inputs: Float[Array, "time column"]
 ) -> SegmentResult:
     """u and theta in blocks of rows, for a diagonal model. The numbers are those of `run_row_by_row`.
 
@@ -33,7 +33,7 @@ def run_in_blocks(
         (x, u), (theta, y) = jax.jvp(partial(run, system.theta_outputs), step, derivative)
         if system.C_theta is not None:
             _, u = run(system.C, *step)
-    return (x, theta), (u + thin_product(system.D, inputs[1:]), y)
+    return (x, theta), (u + thin_product(direct_term(system, exact), inputs[1:]), y)
 
 
 def _block_length(rows: int, order: int) -> int:
@@ -46,12 +46,12 @@ def _block_length(rows: int, order: int) -> int:
 
 
 def _in_blocks(
-    inputs: Float[Array, "time input"],
+    inputs: Float[Array, "time column"],
     length: int,
     C: Float[Array, "output node"],
     E: Float[Array, " node"],
-    W0: Float[Array, "node input"],
-    W1: Float[Array, "node input"],
+    W0: Float[Array, "node column"],
+    W1: Float[Array, "node column"],
     x: Float[Array, " node"],
 ) -> tuple[Float[Array, " node"], Float[Array, "later output"]]:
     """The state at the last block's end and `C x` at every row but the first.

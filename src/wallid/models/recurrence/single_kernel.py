@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..._internal.xla_options import has_small_loops
-from ..exponential_solver import State, StepMap, thin_product
+from ..exponential_solver import State, StepMap, direct_term, thin_product
 from ..state_space import StateSpace
 
 # as measured
@@ -26,7 +26,7 @@ def fits_single_kernel(system: StateSpace) -> bool:
 
 
 def run_in_one_kernel(
-    system: StateSpace, exact: StepMap, state: State, inputs: Float[Array, "time input"]
+    system: StateSpace, exact: StepMap, state: State, inputs: Float[Array, "time column"]
 ) -> tuple[Float[Array, "time output"], Float[Array, "time output"] | None]:
     """u and theta at every row, one row after the other: for a diagonal model that `fits_single_kernel`.
 
@@ -95,7 +95,7 @@ def _single_input_form(
     # products as sums, so that XLA can compile an iteration around this into one kernel
     (x, theta), E = state, exact.E[:, None]
     z, b = x - thin_product(exact.W1, first), exact.W0 + E * exact.W1
-    output_maps = [(system.C, system.D + _product_as_sum(system.C, exact.W1))]
+    output_maps = [(system.C, direct_term(system, exact) + _product_as_sum(system.C, exact.W1))]
     if theta is None or exact.E_theta is None or exact.V0 is None or exact.V1 is None:
         return (z, None), (b, None), output_maps
     zeta = theta - thin_product(exact.V1, first)

@@ -10,9 +10,9 @@ from benchmarks.reference.analytic_slab import temperatures
 from numpy.testing import assert_allclose
 
 import wallid
-from wallid.inference.gap_covariance import gap_errors
 from wallid.inference.likelihood import face_response
 from wallid.inference.noise_covariance import BinnedReadings, NoiseShape, restricted_to_reading_rows
+from wallid.inference.noise_of_record import gap_errors
 
 ROWS, PLACES, RATE = (
     interval.ROWS,

@@ -1,4 +1,6 @@
-"""The effect of the faces' interpolated gaps on the readings: one fully correlated error for each gap.
+"""The structure of the noise covariance of a record's readings: sensors, faces, and the faces' interpolated gaps.
+
+Each gap is one fully correlated error:
 
     E_g = sum_{rows i in g} e_i G_f(i),      e_i^2 = fill_std_i^2 - s_f^2
 
@@ -12,9 +14,26 @@ import numpy as np
 from jaxtyping import Float
 
 from .._internal.arrays import on_device
-from .noise_covariance import BinnedReadings
+from ..records.uniform_record import Record
+from .noise_covariance import BinnedReadings, NoiseShape, restricted_to_reading_rows
 
 _MAX_GAPS = 300  # each is a term of a dense covariance
+
+
+def noise_shape_of_record(
+    record: Record, response: np.ndarray, bins: BinnedReadings, spacing: int, sensor_std: np.ndarray
+) -> NoiseShape:
+    """The structure of the noise covariance of the binned readings.
+
+    Args:
+        record: the rows used.
+        response: response of the readings at the rows to 1 K more at one row of one face, `(face, row, sensor)`.
+        bins, spacing: as from `bin_readings`.
+        sensor_std: standard deviation of each sensor's readings, K.
+    """
+    gaps = gap_errors(record.fill_std, record.boundary_noise_std, response, bins)
+    response, bins = restricted_to_reading_rows(response, bins, spacing)
+    return NoiseShape(response, bins, sensor_std, record.boundary_noise_std, gaps)
 
 
 def gap_errors(
