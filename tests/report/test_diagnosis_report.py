@@ -388,7 +388,7 @@ def test_diagnose_names_what_is_hidden(diagnosed, explanation):
     assert result["window"] == {"start": "2023-02-06T00:00:00", "end": "2023-02-15T00:00:00", "criterion": None}
     assert set(result["seconds"]) == {"diagnose"} and result["reason"] is None
     assert result["diffusivity"]["value"] == pytest.approx(found.after.diffusivity)
-    assert result["diffusivity_before"]["value"] == pytest.approx(found.before.diffusivity)
+    assert result["diffusivity_before"]["value"] == pytest.approx(found.plain.diffusivity)
     assert result["gap"]["after_K"] == pytest.approx(found.gap.after)
     ranked = result["ranked"]
     assert len(ranked) == len(found.table)
