@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from benchmarks.reference.analytic_slab import refined, smooth_weather, temperatures
+from benchmarks.reference.analytic_slab import temperatures, weather
 
 LENGTH, DIFFUSIVITY = 0.4, 7e-7  # m, m2/s
 PLACES = (0.08, 0.2, 0.31)  # m
@@ -63,11 +63,10 @@ def truth(
     """Temperatures in the window, from faces that begin earlier and are so far to the right of where they should be.
 
     Args:
-        faces: `PARTS` an hour; or one an hour, which are taken as monotone cubics between.
+        faces: `PARTS` an hour.
     """
     length = LENGTH + ends[1] - ends[0]
-    fine = refined(faces, PARTS) if len(faces) == BEFORE + ROWS else faces
-    inside = temperatures(fine, STEP / PARTS, (places - ends[0]) / length, diffusivity / length**2)
+    inside = temperatures(faces, STEP / PARTS, (places - ends[0]) / length, diffusivity / length**2)
     return at_rows(inside)[-ROWS:]
 
 
@@ -79,7 +78,7 @@ def at_rows(fine: np.ndarray) -> np.ndarray:
 def draw(errors: Errors, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """True faces with their past, `PARTS` an hour; measured faces and measured sensors of the window."""
     rng = np.random.default_rng([seed, 7])
-    faces = smooth_weather((BEFORE + ROWS - 1) * PARTS + 1, STEP / PARTS, rng)
+    faces = weather((BEFORE + ROWS - 1) * PARTS + 1, STEP / PARTS, rng, hours=(8.0, 2.0))
     shift, offset = (size * rng.standard_normal(len(PLACES)) for size in (errors.position, errors.offset))
     noise = rng.standard_normal((ROWS + 200, len(PLACES)))
     if errors.memory:

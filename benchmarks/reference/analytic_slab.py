@@ -51,35 +51,34 @@ def fluxes(faces: np.ndarray, step: float, diffusivity: float) -> np.ndarray:
 
 
 def refined(faces: np.ndarray, parts: int, rows: np.ndarray | None = None) -> np.ndarray:
-    """Faces as monotone cubics between rows, at `parts` times as many rows, `(time, 2)`; by SciPy.
+    """Faces as monotone cubics between their rows, in `parts` steps a row from the first to the last; by SciPy.
 
     Args:
-        faces: at `rows`; None for each row. Constant after the last.
+        faces: `(time, 2)`.
+        rows: at which they are; None for 0, 1, 2, ..
     """
     rows = np.arange(len(faces)) if rows is None else rows
     fine = np.arange((rows[-1] - rows[0]) * parts + 1) / parts + rows[0]
     return PchipInterpolator(rows, faces)(fine)
 
 
-def smooth_weather(rows: int, step: float, rng: np.random.Generator) -> np.ndarray:
-    """As `weather`, without jumps of the slope: what the faces do within hours is smoothed over two hours as well."""
-    days = np.arange(rows) * step / 86400.0
-    slow, fast = (np.exp(-step / (hours * 3600.0)) for hours in (8, 2))
-    variance = (1 + slow * fast) / ((1 - slow**2) * (1 - fast**2) * (1 - slow * fast))
-    course = lfilter([1.0], np.convolve([1.0, -slow], [1.0, -fast]), rng.standard_normal((2, rows)), axis=1)
-    course /= np.sqrt(variance)
-    phase = rng.uniform(-0.1, 0.1)
-    right = 6.0 + 3.0 * np.sin(2 * np.pi * (days - 0.4 + phase)) + 1.0 * course[0]
-    left = 19.0 + 0.8 * np.sin(2 * np.pi * (days - 0.3)) + 0.4 * course[1]
-    return np.stack([left, right], axis=1)
+def weather(rows: int, step: float, rng: np.random.Generator, hours: tuple[float, ...] = (8.0,)) -> np.ndarray:
+    """Faces of a wall between a heated room and some weather, degC, `(time, 2)`: left indoors.
 
-
-def weather(rows: int, step: float, rng: np.random.Generator) -> np.ndarray:
-    """Faces of a wall between a heated room and some weather, degC, `(time, 2)`: left indoors."""
+    Args:
+        hours: time constants over which white noise is smoothed, one after the other. With two of them the slopes do
+            not jump, so that hourly rows nearly determine what is between.
+    """
     days = np.arange(rows) * step / 86400.0
-    memory = np.exp(-step / (8 * 3600.0))
-    slow = lfilter([np.sqrt(1 - memory**2)], [1.0, -memory], rng.standard_normal((2, rows)), axis=1)
+    poles = np.exp(-step / (3600.0 * np.array(hours)))
+    slow = lfilter([1.0], np.poly(poles), rng.standard_normal((2, rows)), axis=1) * np.sqrt(_variance_gain(poles))
     phase = rng.uniform(-0.1, 0.1)
     right = 6.0 + 3.0 * np.sin(2 * np.pi * (days - 0.4 + phase)) + 1.0 * slow[0]
     left = 19.0 + 0.8 * np.sin(2 * np.pi * (days - 0.3)) + 0.4 * slow[1]
     return np.stack([left, right], axis=1)
+
+
+def _variance_gain(poles: np.ndarray) -> float:
+    """One over the variance of white noise after these one or two first-order filters."""
+    first, second = (*poles, 0.0)[:2]
+    return (1 - first**2) * (1 - second**2) * (1 - first * second) / (1 + first * second)

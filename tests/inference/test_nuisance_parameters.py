@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import pytest
 from benchmarks.accuracy import interval
+from benchmarks.reference.analytic_slab import refined
 from benchmarks.reference.analytic_slab import weather as hourly_weather
 
 import wallid
@@ -52,7 +53,7 @@ def weather(seed):
 def simulated(seed, gain=0.0):
     """A case from the analytic slab, whose second sensor has a gain."""
     faces = weather(seed)
-    readings = interval.truth(faces, np.array(interval.PLACES))
+    readings = interval.truth(refined(faces, interval.PARTS), np.array(interval.PLACES))
     readings[:, 1] += gain * (readings[:, 1] - readings[:, 1].mean())
     readings = readings + 0.02 * np.random.default_rng(seed + 1).standard_normal(readings.shape)
     return interval.case_of(ERRORS, faces[-interval.ROWS :], readings)

@@ -74,6 +74,11 @@ PROFILE_MODES = 8
 _MIN_RANGE = 1.0  # K
 
 
+def profile_mode_count(case: Case) -> int:
+    """The number of modes of the initial profile that are estimated."""
+    return min(PROFILE_MODES, case.choices.nodes - 2)
+
+
 def window_temperature_range(case: Case, window: Window) -> float:
     """The range of all readings in a window, K, at least `_MIN_RANGE`; it scales the prior of the initial profile."""
     part = case.record.window(window.row, window.rows)

@@ -14,6 +14,7 @@ from jaxtyping import Array
 from ..inference.likelihood import LOG_DIFFUSIVITY
 from ..inference.noise_covariance import NoiseCovariance
 from ..inference.parameters import Parameters
+from ..inference.whittle_likelihood import projected_sensitivity
 from .model_with_effects import linearise
 from .problem import DiagnosisProblem, EffectParameters
 
@@ -120,10 +121,7 @@ class EffectFit:
     @property
     def sensitivity(self) -> np.ndarray:
         """The binned readings' derivative with respect to ln(alpha), the other parameters projected out, K."""
-        k = self.index(LOG_DIFFUSIVITY)
-        others, of_readings = np.delete(self.jacobian, k, axis=1), self.unwhitened()[0]
-        coefficients = np.linalg.lstsq(others, self.jacobian[:, k], rcond=None)[0]
-        return of_readings[:, k] - np.delete(of_readings, k, axis=1) @ coefficients
+        return projected_sensitivity(self.jacobian, self.unwhitened()[0])
 
     @property
     def gap(self) -> float:

@@ -26,7 +26,7 @@ from ..inference.nuisance_parameters import (
     SensorPositions,
     window_parameters,
 )
-from ..inference.parameters import Parameter, Parameters
+from ..inference.parameters import Parameter, Parameters, kind_of, target_of
 from ..inference.validity import distinguishable_range
 from ..models.state_space import require_x64
 from ..records.uniform_record import Record
@@ -35,7 +35,7 @@ from .effects.catalogue import library
 from .effects.heat_sources import AIRS
 from .effects.search_range import SearchRange, search_range_of_record
 from .forward.time_stepping import MAX_SUBSTEP
-from .model_with_effects import ModelWithEffects, face_impulse_response
+from .model_with_effects import DEPTH_SIGNS, ModelWithEffects, face_impulse_response
 from .record_forcing import forcing_of_window
 
 _PLAIN_KINDS = (SensorOffsets(), SensorPositions(), FacePositions(), CommonNoise())
@@ -119,7 +119,8 @@ class DiagnosisProblem:
 
     def taken_over(self, error: str, value: float) -> float:
         """The size of an effect that replaces a sensor error of this value."""
-        return -value if error == f"{FacePositions.kind}[{SIDES[1]}]" else value
+        is_face = kind_of(error) == FacePositions.kind
+        return float(DEPTH_SIGNS[SIDES.index(target_of(error))]) * value if is_face else value
 
     def noise_shape(self, parameters: Parameters) -> NoiseShape:
         """The structure of the noise covariance, with the response to the faces at some parameters.

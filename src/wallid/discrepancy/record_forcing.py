@@ -8,13 +8,13 @@ import scipy
 from .._internal.arrays import on_device
 from .._internal.units import DAY
 from ..case.case_definition import Case
-from ..case.initial_profile import fit_profile
+from ..case.initial_profile import fit_profile, profile_mode_count
 from ..case.time_window import Window
 from ..case.wall_and_sensors import SIDES
-from ..inference.nuisance_parameters import common_noise_of_face, profile_mode_count
+from ..inference.nuisance_parameters import common_noise_of_face
 from ..models.finite_volume_wall import Output, layer_nodes, wall_cells
 from ..models.window_inputs import full_order_model
-from ..records.uniform_record import Record
+from ..records.uniform_record import Record, cubic_slopes
 from .effects.equation_terms import ForcingData
 
 
@@ -25,16 +25,15 @@ def forcing_of_window(case: Case, window: Window) -> ForcingData:
         case: the wall and its sensors.
         window: the rows used.
     """
-    record, wall, nodes = case.record.window(window.row, window.rows), case.wall, case.choices.nodes
+    record, wall = case.record.window(window.row, window.rows), case.wall
     rows = np.arange(record.rows)
 
     def cubic(values: np.ndarray, slopes: np.ndarray | None = None) -> np.ndarray:
-        """Coefficients of the powers of s, (interval, power); slopes per row, None for monotone cubics."""
+        """Coefficients of the powers of s, (interval, power); slopes per row, None for those of the values alone."""
         present = np.isfinite(values)
         filled = values if present.all() else np.interp(rows, rows[present], values[present])
-        if slopes is not None:
-            return scipy.interpolate.CubicHermiteSpline(rows, filled, slopes).c[::-1].T
-        return scipy.interpolate.PchipInterpolator(rows, filled).c[::-1].T
+        slopes = cubic_slopes(filled, 1.0) if slopes is None else slopes
+        return scipy.interpolate.CubicHermiteSpline(rows, filled, slopes).c[::-1].T
 
     zeros = np.zeros(record.rows)
 
@@ -44,8 +43,8 @@ def forcing_of_window(case: Case, window: Window) -> ForcingData:
 
     heating = record.regressors.get("heating", zeros)
     largest = np.nanmax(np.abs(heating)) if np.isfinite(heating).any() else 0.0
-    relative_positions, *cells = wall_cells(wall, nodes)
-    positions, resistance, capacity = (wall.length * part for part in (relative_positions, *cells))
+    relative_positions, resistance, capacity = wall_cells(wall, case.choices.nodes)
+    positions = wall.length * relative_positions
     slopes = record.step * case.record.face_slopes[window.as_slice]
     coefficients = fit_profile(case, window.row).coefficients
     every_node = full_order_model(case, [Output(x) for x in positions[1:-1]])
@@ -63,8 +62,8 @@ def forcing_of_window(case: Case, window: Window) -> ForcingData:
         common_noise=on_device(np.stack([common_noise_of_face(record, side) for side in SIDES], axis=1)),
         reference=on_device(np.nanmean(temperatures)),
         node_positions=on_device(positions),
-        resistance=on_device(resistance),
-        capacity=on_device(capacity),
+        resistance=on_device(wall.length * resistance),
+        capacity=on_device(wall.length * capacity),
         layer_nodes=on_device(layer_nodes(wall, relative_positions)),
         sensor_positions=on_device(np.array([sensor.position for sensor in case.sensors])),
         length=on_device(wall.length),

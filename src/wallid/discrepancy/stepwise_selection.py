@@ -67,7 +67,7 @@ class StepwiseSelection:
         for _ in range(_MAX_ROUNDS):
             jacobian, residual = fit.unwhitened()
             shape = self.problem.noise_shape(fit.parameters)
-            if len(residual) - jacobian.shape[1] >= MIN_READINGS:
+            if self.problem.bins.nonempty - jacobian.shape[1] >= MIN_READINGS:
                 noise = estimate_noise(shape, residual, jacobian.T, fit.sensitivity)
             else:
                 noise = shape.stated_covariance()

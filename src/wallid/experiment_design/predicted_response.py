@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from .._internal.arrays import on_device
 from ..case.case_definition import Case
-from ..case.initial_profile import PROFILE_MODES, dimensionless_profile, fit_profile, profile_degree, scales
+from ..case.initial_profile import dimensionless_profile, fit_profile, profile_degree, profile_mode_count, scales
 from ..inference.likelihood import face_response
 from ..models.finite_volume_wall import Output, finite_volume_model
 from ..models.flux_plates import plate_outputs
@@ -110,7 +110,7 @@ class ResponseModel:
             on_device(boundary_inputs(scale, values, slopes)),
             on_device(initial),
         )
-        P, outputs, modes = len(self.positions), len(self.outputs), min(PROFILE_MODES, case.choices.nodes - 2)
+        P, outputs, modes = len(self.positions), len(self.outputs), profile_mode_count(case)
         rates = np.asarray(self.system.A)[::-1][:modes]
         shapes = np.asarray(self.system.C)[:outputs, ::-1][:, :modes]
         decay = np.exp(fourier * step * np.outer(rates, np.arange(values.shape[1])))

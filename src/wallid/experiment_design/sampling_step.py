@@ -27,8 +27,8 @@ class SamplingComparison:
     Args:
         steps: sampling steps, s, `(step,)`. rows: number of rows of the window at each step.
         std: expected relative standard error of the diffusivity, dimensionless.
-        interpolation_bias: relative bias of the diffusivity from interpolation of the face temperatures between
-            rows; 0 for the record's step and finer ones, where the true temperatures between rows are unknown.
+        interpolation_bias: relative bias of the diffusivity from interpolation of the face temperatures between rows;
+            0 for the record's step and finer ones, where the true temperatures between rows are unknown.
         record_step: the record's step, s.
         diffusivity: at which all was computed, m2/s.
         labels: first and last time stamp of the window.
@@ -72,8 +72,8 @@ def compare_sampling_steps(
 ) -> SamplingComparison:
     """The expected interval of the diffusivity for finer and coarser sampling steps.
 
-    Each reading has the stated noise. With a coarser step the face temperatures are interpolated linearly between rows;
-    the bias that this causes is given too. Between two rows of the record itself the true face temperatures are
+    Each reading has the stated noise. With a coarser step the face temperatures are cubics between its fewer rows; the
+    bias that this causes is given too. Between two rows of the record itself the true face temperatures are
     unknown, so for finer steps they are taken as cubics.
 
     Args:

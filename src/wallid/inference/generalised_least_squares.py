@@ -135,7 +135,7 @@ class _IteratedGLS:
         self.data = replace(data, offsets=())  # `offsets` is static and unused here: without it, fewer compilations
         self.parameters = window_parameters(case, window, kinds)
         self.bins, self.spacing = bin_readings(np.asarray(data.weight) > 0, np.asarray(data.observed))
-        self.readings = int((np.asarray(self.bins.counts()) > 0).sum())
+        self.readings = self.bins.nonempty
         self.conductivity = initial_conductivity(case, window) if LOG_CONDUCTIVITY in self.parameters else 0.0
         self.bounds = distinguishable_range(case, window)
         self.record = case.record.window(window.row, window.rows)

@@ -27,6 +27,7 @@ from .noise_covariance import NoiseCovariance, NoiseShape
 from .nuisance_parameters import NuisanceKind, instrument_error_kinds
 from .parameters import Parameters, kind_of
 from .profile_interval import Interval, interval_95
+from .whittle_likelihood import projected_sensitivity
 
 _MODULATIONS = 3  # of the diffusivity in time: from half a cosine wave over the window to one and a half
 
@@ -119,9 +120,7 @@ class GLSFit:
     @property
     def sensitivity(self) -> np.ndarray:
         """The binned readings' derivative with respect to ln(alpha), nuisance parameters projected out, K."""
-        J, of_readings = self.jacobian, self.readings_jacobian
-        coefficients = np.linalg.lstsq(J[:, 1:], J[:, 0], rcond=None)[0]
-        return of_readings[:, 0] - of_readings[:, 1:] @ coefficients
+        return projected_sensitivity(self.jacobian, self.readings_jacobian)
 
     @property
     def variance_inflation(self) -> float:

@@ -46,6 +46,11 @@ class BinnedReadings(eqx.Module):
         """The number of means: bins times sensors."""
         return -(-self.observed.shape[0] // self.rows_per_bin) * self.observed.shape[1]
 
+    @property
+    def nonempty(self) -> int:
+        """The number of means that contain a reading."""
+        return int((np.asarray(self.counts()) > 0).sum())
+
     @eqx.filter_jit
     def mean(self, values: Float[Array, "time sensor"]) -> Float[Array, " reading"]:
         """The mean of the readings present in each bin, sensor by sensor; 0 in an empty bin."""

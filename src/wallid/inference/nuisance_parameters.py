@@ -25,7 +25,7 @@ from jaxtyping import Float
 
 from .._internal.arrays import on_device
 from ..case.case_definition import Case
-from ..case.initial_profile import PROFILE_MODES, fit_profile, scales, window_temperature_range
+from ..case.initial_profile import fit_profile, profile_mode_count, scales, window_temperature_range
 from ..case.time_window import Window
 from ..case.wall_and_sensors import SIDES
 from ..models.flux_plates import flux_gain_std, fluxes_of, full_order_model_with_plates
@@ -231,11 +231,6 @@ NUISANCE_KINDS: tuple[NuisanceKind, ...] = (
     CommonNoise(),
 )
 """The kinds of every estimate. The initial profile and the calibration of plates are parts of the model itself."""
-
-
-def profile_mode_count(case: Case) -> int:
-    """The number of modes of the initial profile that are estimated."""
-    return min(PROFILE_MODES, case.choices.nodes - 2)
 
 
 def window_parameters(

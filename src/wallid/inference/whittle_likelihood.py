@@ -18,6 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from .noise_covariance import NoiseCovariance, NoiseShape
 
@@ -78,6 +79,19 @@ def estimate_noise(
     variance = np.array([likelihood.log_variance(sensitivity, *point) for point in grid]) + totals
     reference = likelihood.log_variance(sensitivity, share, rho) + np.log(sum(sizes[:2]))
     return replace(noise, shape_probability=probability, std_ratio=np.exp(0.5 * (variance - reference)))
+
+
+def projected_sensitivity(
+    jacobian: Float[np.ndarray, "row param"], of_readings: Float[np.ndarray, "reading param"]
+) -> Float[np.ndarray, " reading"]:
+    """The readings' derivative with respect to the first parameter, the others projected out, K.
+
+    Args:
+        jacobian: of the whitened readings, then of the prior residuals.
+        of_readings: of the readings themselves, K.
+    """
+    coefficients = np.linalg.lstsq(jacobian[:, 1:], jacobian[:, 0], rcond=None)[0]
+    return of_readings[:, 0] - of_readings[:, 1:] @ coefficients
 
 
 def _log_low_frequency_power(share: float, rho: float, log_total: float) -> float:

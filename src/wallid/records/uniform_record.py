@@ -231,7 +231,7 @@ class Record:
 
 
 def cubic_slopes(values: np.ndarray, step: float) -> np.ndarray:
-    """The slopes at uniform rows by which values, (time, column), are monotone cubics between the rows.
+    """The slopes at uniform rows by which values, (time,) or (time, column), are monotone cubics between the rows.
 
     The cubics do not overshoot where a value changes suddenly.
 
