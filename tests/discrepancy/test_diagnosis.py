@@ -11,7 +11,7 @@ from wallid.discrepancy.acceptance import FURTHER_EFFECT_LEVEL
 from wallid.discrepancy.cross_validation import held_out, held_out_cost
 from wallid.discrepancy.effect_fit import refit
 from wallid.discrepancy.effect_results import Trial
-from wallid.discrepancy.effects import untestable
+from wallid.discrepancy.effects.catalogue import untestable
 from wallid.discrepancy.stepwise_selection import StepwiseSelection
 from wallid.discrepancy.summary import separating_measurement
 

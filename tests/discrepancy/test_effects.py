@@ -14,43 +14,39 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from studies import SPEC, parameters_at, prepare, slot_of
 
-from wallid.discrepancy.effects import (
-    LIBRARY,
+from wallid.discrepancy.effects.catalogue import LIBRARY, library, untestable
+from wallid.discrepancy.effects.equation_terms import Terms, Wetting
+from wallid.discrepancy.effects.faces import FaceDepth, FaceLag, FaceOffset, SolarGain, SurfaceFilm
+from wallid.discrepancy.effects.heat_sources import (
     AirFlow,
-    ClockShift,
-    ContactResistance,
-    DiffusivityDrift,
-    FaceDepth,
-    FaceLag,
-    FaceOffset,
     HeatedSource,
     HourlySource,
     LateralLoss,
+    PlacedSource,
+    UniformSource,
+    hours_signal,
+)
+from wallid.discrepancy.effects.material import (
+    ContactResistance,
+    DiffusivityDrift,
     LayeredCapacity,
     LayeredConductivity,
     PhaseChange,
-    PlacedSource,
-    SearchRange,
+    TemperatureDependentCapacity,
+    TemperatureDependentConductivity,
+    WettingByRain,
+    latent_capacity,
+)
+from wallid.discrepancy.effects.search_range import SearchRange, search_range_of_record
+from wallid.discrepancy.effects.sensors import (
+    ClockShift,
     SensorDrift,
     SensorGain,
     SensorLag,
     SensorOffset,
     SensorPosition,
-    SolarGain,
-    SurfaceFilm,
-    TemperatureDependentCapacity,
-    TemperatureDependentConductivity,
-    Terms,
-    UniformSource,
-    Wetting,
-    WettingByRain,
-    latent_capacity,
-    library,
-    search_range_of_record,
-    untestable,
 )
-from wallid.discrepancy.effects.heat_sources import hours_signal
-from wallid.discrepancy.forward import build_cells
+from wallid.discrepancy.forward.cells import build_cells
 from wallid.discrepancy.forward.response import simulate_readings
 from wallid.discrepancy.model_with_effects import first_order_columns, linearise, predict
 from wallid.discrepancy.problem import diagnosis_problem

@@ -13,37 +13,25 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
-from wallid.discrepancy.effects import (
-    AirFlow,
-    ClockShift,
+from wallid.discrepancy.effects.equation_terms import ForcingData, Terms
+from wallid.discrepancy.effects.faces import FaceDepth, FaceLag, SurfaceFilm
+from wallid.discrepancy.effects.heat_sources import AirFlow, HourlySource, LateralLoss, PlacedSource, UniformSource
+from wallid.discrepancy.effects.material import (
     ContactResistance,
     DiffusivityDrift,
-    FaceDepth,
-    FaceLag,
-    ForcingData,
-    HourlySource,
-    LateralLoss,
     LayeredCapacity,
     LayeredConductivity,
     PhaseChange,
-    PlacedSource,
-    SensorGain,
-    SensorLag,
-    SurfaceFilm,
     TemperatureDependentCapacity,
     TemperatureDependentConductivity,
-    Terms,
-    UniformSource,
     WettingByRain,
 )
-from wallid.discrepancy.forward import (
-    apply_sensor_effects,
-    build_cells,
-    initial_state,
-    simulate_linear_wall,
-    simulate_nonlinear_wall,
-)
+from wallid.discrepancy.effects.sensors import ClockShift, SensorGain, SensorLag
+from wallid.discrepancy.forward.cells import build_cells, initial_state
+from wallid.discrepancy.forward.linear_wall import simulate_linear_wall
 from wallid.discrepancy.forward.response import simulate_readings
+from wallid.discrepancy.forward.sensor_readings import apply_sensor_effects
+from wallid.discrepancy.forward.time_stepping import simulate_nonlinear_wall
 
 DAY, HOUR = 86400.0, 3600.0
 L, ALPHA = 0.2, jnp.asarray(8e-7)

@@ -11,7 +11,7 @@ from studies import SPEC, prepare, slot_of, trimmed
 
 from wallid.discrepancy import model_with_effects
 from wallid.discrepancy.effect_fit import refit
-from wallid.discrepancy.effects import LIBRARY
+from wallid.discrepancy.effects.catalogue import LIBRARY
 from wallid.discrepancy.problem import diagnosis_problem
 
 # a shape of record that no other test has: what is compiled for it is compiled here

@@ -239,15 +239,31 @@ def test_the_omnibus_tests_see_a_diffusivity_that_comes_and_goes(ranked):
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.1, 0.4])
-def test_chance_counts_that_the_power_of_the_noise_is_an_estimate(spread):
-    """Against draws of a chi-square times a lognormal."""
+@pytest.mark.parametrize("noncentrality", [0.0, 10.0])
+def test_chance_counts_that_the_power_of_the_noise_is_an_estimate(spread, noncentrality):
+    """Against draws of a sum of squares, with a mean in one of them, times a lognormal."""
     rng = np.random.default_rng(5)
-    drawn_values = rng.chisquare(50, 100_000) * np.exp(spread * rng.standard_normal(100_000))
+    squares = rng.chisquare(49, 100_000) + (np.sqrt(noncentrality) + rng.standard_normal(100_000)) ** 2
+    drawn_values = squares * np.exp(spread * rng.standard_normal(100_000))
     for value in (45.0, 60.0, 75.0):
         rate = np.mean(drawn_values > value)
-        assert chi_square_p_value(value, 50, spread) == pytest.approx(
+        assert chi_square_p_value(value, 50, spread, noncentrality) == pytest.approx(
             rate, abs=4 * np.sqrt(rate * (1 - rate) / 100_000)
         )
+
+
+def test_the_omnibus_test_allows_for_the_model_error_of_a_large_effect(ranked):
+    """A remainder whose squared length is that of the allowance is no reason to reject; four times of it is one."""
+    rng, bins = np.random.default_rng(9), len(ranked.noise.whitening) // 2
+    wave = ranked.noise.whitening @ np.tile(np.sin(4 * np.pi * np.arange(bins) / bins), 2)
+    wave *= np.sqrt(150.0) / np.linalg.norm(wave)
+    residual = drawn(ranked, rng)
+    for size, allowed in ((1.0, True), (2.0, False)):
+        moved = residual.copy()
+        moved[: 2 * bins] += size * wave
+        fit = replace(ranked.base, residual=moved)
+        assert run_residual_tests(fit).p_value < 1e-3
+        assert (run_residual_tests(fit, allowance=150.0).p_value > 1e-2) == allowed
 
 
 def test_where_the_remainder_sits(ranked):

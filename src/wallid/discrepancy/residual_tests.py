@@ -45,7 +45,7 @@ class ResidualTests:
     smooth_residual: np.ndarray = field(repr=False)
 
 
-def run_residual_tests(fit: EffectFit) -> ResidualTests:
+def run_residual_tests(fit: EffectFit, allowance: float = 0.0) -> ResidualTests:
     """The distribution of the residual of a fit, and whether it exceeds the noise.
 
     Two omnibus tests project the residual on directions that do not depend on any effect and are orthogonal to the
@@ -53,6 +53,11 @@ def run_residual_tests(fit: EffectFit) -> ResidualTests:
     modulated sensitivity to ln(alpha), each per sensor. The second has two directions per day of record: the
     sensitivity modulated with up to one cycle per day, for all sensors at once, orthogonal to the first. The
     smaller p-value p of the two independent tests gives `1 - (1 - p)^2`.
+
+    Args:
+        fit: the fit.
+        allowance: squared length that a model error may have in the whitened residual. No effect is modelled exactly,
+            so a large one leaves more than noise.
     """
     record, residual = fit.problem.record, fit.residual_at_rows
     names = [sensor.name for sensor in fit.problem.case.sensors]
@@ -68,7 +73,8 @@ def run_residual_tests(fit: EffectFit) -> ResidualTests:
         basis = _orthogonal_basis(fit, directions, bases)
         projection = basis.T @ fit.residual
         statistic, freedom = float(projection @ projection), basis.shape[1]
-        tests.append((chi_square_p_value(statistic, freedom, fit.noise.log_power_std), statistic, freedom))
+        p_value = chi_square_p_value(statistic, freedom, fit.noise.log_power_std, allowance)
+        tests.append((p_value, statistic, freedom))
         bases.append(basis)
     smallest, statistic, freedom = min(tests)
     p_value = -np.expm1(len(tests) * np.log1p(-min(smallest, 1.0 - 1e-16)))
@@ -79,16 +85,18 @@ def run_residual_tests(fit: EffectFit) -> ResidualTests:
     return ResidualTests(by_sensor, by_hour, by_day, statistic, freedom, float(p_value), smooth)
 
 
-def chi_square_p_value(statistic: float, freedom: int, spread: float) -> float:
+def chi_square_p_value(statistic: float, freedom: int, spread: float, noncentrality: float = 0.0) -> float:
     """Probability that `exp(spread z) chi^2` exceeds a statistic, z standard normal.
 
     Args:
         statistic: the observed value.
         freedom: degrees of freedom of the chi-square.
         spread: standard deviation of the logarithm of the noise variance.
+        noncentrality: of the chi-square.
     """
     node, weight = hermegauss(_NODES)
-    return float(weight @ scipy.special.chdtrc(freedom, statistic * np.exp(-spread * node)) / weight.sum())
+    tails = scipy.stats.ncx2.sf(statistic * np.exp(-spread * node), freedom, noncentrality)
+    return float(weight @ tails / weight.sum())
 
 
 def _mean(values: np.ndarray) -> np.ndarray:

@@ -9,7 +9,6 @@ from .compilation import compile_together
 from .cross_validation import cross_validate
 from .diagnosis_result import Diagnosis
 from .problem import diagnosis_problem
-from .residual_tests import run_residual_tests
 from .stepwise_selection import StepwiseSelection
 
 Progress = Callable[[str, float], None]
@@ -61,8 +60,8 @@ def diagnose(case: Case, *, progress: Progress = lambda stage, share: None) -> D
         scores=scores,
         trials=tuple(selection.trials),
         gap=cross_validate(plain, best),
-        residual_tests_before=run_residual_tests(plain),
-        residual_tests_after=run_residual_tests(best),
+        residual_tests_before=selection.residual_tests(plain),
+        residual_tests_after=selection.residual_tests(best),
         p_value_of_one_more=p_value_of_one_more,
         rivals=tuple(selection.rivals),
     )

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from ..inference.likelihood import LOG_DIFFUSIVITY
 from ..inference.noise_covariance import NoiseCovariance
 from ..inference.whittle_likelihood import MIN_READINGS, estimate_noise
 from .acceptance import FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL, penalised_cost, reason_for_refusal
@@ -13,7 +14,7 @@ from .cross_validation import effect_by_window, held_out, held_out_cost
 from .effect_fit import EffectFit, refit
 from .effect_results import NamedEffect, Trial
 from .problem import DiagnosisProblem, EffectParameters
-from .residual_tests import omnibus_directions, run_residual_tests
+from .residual_tests import ResidualTests, omnibus_directions, run_residual_tests
 from .score_test import (
     CandidateJacobian,
     CandidateScores,
@@ -33,6 +34,7 @@ _PARTNERS = 2  # candidates that are refitted together with the best single effe
 _GAIN_MARGIN = 0.35  # relative error allowed for in an expected gain
 _EXCHANGE_MARGIN = 0.2  # the same where one effect is exchanged for another
 _MODEL_ERROR = 1e-3  # share of the gain of an effect that its discretisation may leave in the residual: 3 % of its size
+_FAR_FROM_PRIOR = 1.0  # of ln(alpha) from the prior, from which fits also start at the prior
 _MAX_ROUNDS = 4
 _CONVERGED = 0.05  # standard errors of ln(alpha) by which the last iteration of the plain estimate may change it
 
@@ -106,6 +108,14 @@ class StepwiseSelection:
             self._jacobians[effects] = candidate_jacobian(self.problem, fit)
         return self._jacobians[effects]
 
+    def residual_tests(self, fit: EffectFit) -> ResidualTests:
+        """The tests of the residual of a fit, with an allowance for the model error of its effects."""
+        return run_residual_tests(fit, self._model_error_allowance(fit))
+
+    def _model_error_allowance(self, fit: EffectFit) -> float:
+        """The part of `-2 log L` that the discretisation of the effects in a fit may leave in the residual."""
+        return _MODEL_ERROR * max(self.plain_model_with_noise_of(fit).cost - fit.cost, 0.0)
+
     def without(self, fit: EffectFit, effect_parameters: EffectParameters) -> EffectFit:
         """A fit without one of its effects, with the same noise; computed once."""
         active = tuple(other for other in fit.active if other is not effect_parameters)
@@ -127,9 +137,13 @@ class StepwiseSelection:
         for error, effect_parameters in problem.replaced_errors(active).items():
             if effect_parameters not in base.active:
                 step[effect_parameters.names[0]] += problem.taken_over(error, shifts.get(error, 0.0))
-        fit = refit(problem, active, parameters, base.noise, step=step)
-        if not fit.cost < base.cost:  # the linear prediction was too far off: start from the base
-            fit = min(fit, refit(problem, active, parameters, base.noise), key=lambda fit: fit.cost)
+        fits = [refit(problem, active, parameters, base.noise, step=step)]
+        starts = [] if fits[0].cost < base.cost else [parameters]  # the linear prediction may be too far off
+        if abs(base.parameters[LOG_DIFFUSIVITY]) > _FAR_FROM_PRIOR:  # and so may the base be
+            effect_values = {name: float(parameters[name]) for one in active for name in one.names}
+            starts.append(problem.parameters.with_values(effect_values))
+        fits += [refit(problem, active, start, base.noise) for start in starts]
+        fit = min(fits, key=lambda fit: fit.cost)
         self.trials.append(Trial(base, fit, scores.joint_gain(chosen)))
         return fit
 
@@ -154,7 +168,7 @@ class StepwiseSelection:
             fits.append(self.add_candidates(scores, (k,)))
         best = min(fits, key=lambda fit: fit.cost, default=None)
         # pairs only where a single effect leaves a significant residual, which is rare: a refit of a pair costs most
-        if pair_significant and (best is None or run_residual_tests(best).p_value < _PAIR_TEST_LEVEL):
+        if pair_significant and (best is None or self.residual_tests(best).p_value < _PAIR_TEST_LEVEL):
             for count, pair in enumerate(double):
                 progress((len(single) + count) / (len(single) + len(double)))
                 fits.append(self.add_candidates(scores, pair))
@@ -237,10 +251,6 @@ class StepwiseSelection:
         """The gain that a further effect must exceed: of chance, and of the model error of the other effects."""
         return max(scores.threshold(FURTHER_EFFECT_LEVEL), self._model_error_allowance(scores.base))
 
-    def _model_error_allowance(self, fit: EffectFit) -> float:
-        """The gain that the discretisation of the effects in a fit may leave for other effects."""
-        return _MODEL_ERROR * (self.plain_model_with_noise_of(fit).cost - fit.cost)
-
     def _remove_one(self, fit: EffectFit) -> EffectFit:
         """The fit without an effect that is not significant beside the others."""
         if len(fit.active) < 2:
@@ -258,7 +268,7 @@ class StepwiseSelection:
         Where the omnibus test rejects the fit, an effect may have another form, or its fit may have ended in a local
         minimum: other forms, and other positions and times to start from, are tried too.
         """
-        best, rejected = fit, run_residual_tests(fit).p_value < _PAIR_TEST_LEVEL
+        best, rejected = fit, self.residual_tests(fit).p_value < _PAIR_TEST_LEVEL
         self.rivals = []
         for effect_parameters in fit.active:
             base = self.without(fit, effect_parameters)
