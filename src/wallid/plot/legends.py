@@ -26,10 +26,15 @@ def shortened(name: str, longest: int = _LONGEST_NAME) -> str:
     return f"{name[: longest - 1 - end]}…{name[-end:]}"
 
 
+def root_figure(ax: Axes) -> Figure:
+    """The figure that contains these Axes and all subfigures."""
+    return ax.figure.figure  # get_figure(root=True) is new in matplotlib 3.10
+
+
 def use_constrained_layout(ax: Axes) -> None:
     """Give a figure without a layout engine the constrained layout, which keeps labels and legends inside it."""
-    figure = ax.get_figure(root=True)
-    if figure is not None and figure.get_layout_engine() is None:
+    figure = root_figure(ax)
+    if figure.get_layout_engine() is None:
         figure.set_layout_engine("constrained")
 
 
@@ -41,7 +46,7 @@ def legend_above(ax: Axes) -> None:
         return
     frame = ax.get_window_extent()
     legend = _in_columns(ax, handles, labels, frame.width, loc="upper left")
-    padding = 2.0 * legend.borderaxespad * legend.prop.get_size_in_points() * _dots_per_inch(ax) / 72.0
+    padding = 2.0 * legend.borderaxespad * legend.prop.get_size_in_points() * root_figure(ax).dpi / 72.0
     share = (legend.get_window_extent().height + padding) / frame.height
     if share > _LARGEST_SHARE:
         legend_below(ax)
@@ -59,10 +64,10 @@ def legend_below(ax: Axes, handles: Sequence[Any] | None = None) -> None:
         handles: artists in the legend; None for all with a label.
     """
     use_constrained_layout(ax)
-    figure = ax.get_figure(root=True)
+    figure = root_figure(ax)
     entries = list(ax.get_legend_handles_labels()[0] if handles is None else handles)
     axis_box = ax.xaxis.get_tightbbox()
-    if figure is None or axis_box is None or not entries:
+    if axis_box is None or not entries:
         return
     frame = ax.get_window_extent()
     down = ScaledTranslation(0.0, -(frame.y0 - axis_box.y0) / figure.dpi - _LEGEND_DISTANCE, figure.dpi_scale_trans)
@@ -92,8 +97,3 @@ def _in_columns(on: Axes | Figure, handles: Sequence[Any], labels: Sequence[str]
             return legend
         legend.remove()
         columns -= 1
-
-
-def _dots_per_inch(ax: Axes) -> float:
-    figure = ax.get_figure(root=True)
-    return 72.0 if figure is None else figure.dpi

@@ -17,7 +17,7 @@ from ..discrepancy.effect_results import NamedEffect
 from ..discrepancy.problem import EffectParameters
 from ..inference.quantity import NORMAL_95
 from .house_style import BLUE, DAYS_LABEL, GREEN, GREY, KEEP_COLOUR, ORANGE, RED, SKY, text_colour_on
-from .legends import legend_above, legend_below, use_constrained_layout
+from .legends import legend_above, legend_below, root_figure, use_constrained_layout
 from .residuals import sensor_names
 
 _WEEK = 7 * DAY
@@ -225,9 +225,7 @@ def cosine_similarity(
     ax.grid(False)
     ax.set_title("Similarity of the effects in this record")
     if colour_bar:
-        figure = ax.get_figure(root=True)
-        assert figure is not None
-        figure.colorbar(mesh, ax=ax, label="|cosine| (-); 1: indistinguishable")
+        root_figure(ax).colorbar(mesh, ax=ax, label="|cosine| (-); 1: indistinguishable")
     return mesh
 
 

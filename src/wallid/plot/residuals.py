@@ -17,7 +17,7 @@ from ..discrepancy.effect_fit import EffectFit
 from ..discrepancy.model_with_effects import face_impulse_response
 from ..discrepancy.residual_tests import ResidualTests
 from .house_style import DAYS_LABEL, GREY, curve_style, line_style, marker_style, sensor_colour
-from .legends import legend_above, legend_below, shortened, use_constrained_layout
+from .legends import legend_above, legend_below, root_figure, shortened, use_constrained_layout
 
 _CLIPPED = 98.0  # percentile of the absolute residual at the end of the colour scale, so that outliers do not set it
 _KOLMOGOROV_95 = 1.358  # 95 % quantile of the Kolmogorov distribution
@@ -58,9 +58,7 @@ def _residual_colours() -> Colormap:
 
 def shared_colour_bar(mesh: QuadMesh, axes: Sequence[Axes]) -> None:
     """Draw the colour bar of one or several `residual_map` panels beside them."""
-    figure = axes[0].get_figure(root=True)
-    assert figure is not None
-    figure.colorbar(mesh, ax=list(axes), label="measured minus simulated (K)", extend="both", pad=0.01)
+    root_figure(axes[0]).colorbar(mesh, ax=list(axes), label="measured minus simulated (K)", extend="both", pad=0.01)
 
 
 def colour_limit(diagnosis: Diagnosis) -> float:
