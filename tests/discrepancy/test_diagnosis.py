@@ -8,6 +8,7 @@ from benchmarks.reference.simulator_with_effects import Hidden, Spec, simulate, 
 
 import wallid
 from wallid.discrepancy.acceptance import FURTHER_EFFECT_LEVEL
+from wallid.discrepancy.candidate_fits import CandidateFits
 from wallid.discrepancy.cross_validation import held_out, held_out_cost
 from wallid.discrepancy.effect_fit import refit
 from wallid.discrepancy.effect_results import Trial
@@ -124,7 +125,7 @@ def test_a_source_found_everywhere_is_tried_at_a_place_at_its_hours(explained):
     )
     hours = {everywhere.full_names["start"]: 7.0, everywhere.full_names["end"]: 13.0}
     wrong = refit(study, (everywhere,), plain.parameters.with_values(hours), plain.noise)
-    tried = StepwiseSelection(study)._other_forms(wrong, everywhere, plain)
+    tried = StepwiseSelection(CandidateFits(study))._other_forms(wrong, everywhere, plain)
     best = min(tried, key=lambda fit: fit.cost)
     assert best.active == (placed,)
     assert best.cost < wrong.cost - 1000
@@ -149,14 +150,15 @@ def right_and_near(explained, name, target, parameters, size, **wall):
 
 def test_beside_an_effect_that_explains_much_little_is_left_to_its_own_form(explained):
     found, _ = explained(PLACED[:3])
-    search = StepwiseSelection(found.problem)
-    ranked = search.score_candidates(found.after)
-    explained_by_it = search.plain_model_with_noise_of(found.after).cost - found.after.cost
+    fits = CandidateFits(found.problem)
+    search = StepwiseSelection(fits)
+    ranked = fits.score_candidates(found.after)
+    explained_by_it = fits.plain_model_with_noise_of(found.after).cost - found.after.cost
     assert search._threshold(ranked) == pytest.approx(
         max(ranked.threshold(FURTHER_EFFECT_LEVEL), 1e-3 * explained_by_it)
     )
-    assert search._threshold(search.score_candidates(found.before)) == pytest.approx(
-        search.score_candidates(found.before).threshold(FURTHER_EFFECT_LEVEL), rel=0.2
+    assert search._threshold(fits.score_candidates(found.before)) == pytest.approx(
+        fits.score_candidates(found.before).threshold(FURTHER_EFFECT_LEVEL), rel=0.2
     )
 
 

@@ -12,9 +12,9 @@ from studies import SPEC, parameters_at, prepare
 
 import wallid
 from wallid.case.time_window import diagnosis_window
+from wallid.discrepancy.candidate_fits import CandidateFits
 from wallid.discrepancy.model_with_effects import face_impulse_response, predict
 from wallid.discrepancy.problem import diagnosis_problem
-from wallid.discrepancy.stepwise_selection import StepwiseSelection
 from wallid.estimation.diffusivity import estimate_by_gls
 from wallid.inference.likelihood import face_response
 from wallid.models.window_inputs import full_order_model, window_data
@@ -75,8 +75,8 @@ def test_the_responses_to_the_faces_are_the_same(both):
 def test_the_plain_diffusivity_is_the_same_to_a_tenth_of_its_standard_error(tmp_path, effects, noise):
     case = plain_case(tmp_path, layered=False, spec=replace(NOISY, effects=effects, noise=noise))
     found = wallid.estimate(case, diagnosis_window(case))
-    selection = StepwiseSelection(diagnosis_problem(case))
-    plain = selection.plain_estimate(selection.fit_plain_model())
+    fits = CandidateFits(diagnosis_problem(case))
+    plain = fits.plain_estimate(fits.fit_plain_model())
     relative_std = found.std / found.value
     assert abs(np.log(plain.diffusivity / found.value)) < 0.1 * relative_std
     assert plain.log_std == pytest.approx(relative_std, rel=0.05)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..case.case_definition import Case
+from .candidate_fits import CandidateFits
 from .compilation import compile_together
 from .cross_validation import cross_validate
 from .diagnosis_result import Diagnosis
@@ -36,12 +37,14 @@ def diagnose(case: Case, *, progress: Progress = lambda stage, share: None) -> D
         >>> print(diagnosis.verdict, diagnosis.sentence)
     """
     progress("diagnose: compiling the models", 0.0)
-    selection = StepwiseSelection(diagnosis_problem(case))
-    compile_together(selection.problem)
+    problem = diagnosis_problem(case)
+    compile_together(problem)
+    fits = CandidateFits(problem)
+    selection = StepwiseSelection(fits)
     progress("diagnose: fitting the plain model", 0.35)
-    plain = selection.fit_plain_model()
+    plain = fits.fit_plain_model()
     progress("diagnose: ranking all effects and pairs", 0.5)
-    plain_estimate, scores = selection.plain_estimate(plain), selection.score_candidates(plain)
+    plain_estimate, scores = fits.plain_estimate(plain), fits.score_candidates(plain)
     chosen = selection.select_first(
         plain, scores, lambda share: progress("diagnose: fitting the best candidates", 0.55 + 0.15 * share)
     )
@@ -50,18 +53,18 @@ def diagnose(case: Case, *, progress: Progress = lambda stage, share: None) -> D
     effects, p_value_of_one_more = selection.named_effects(best), selection.p_value_of_one_more(best)
     progress("diagnose: cross-validation", 0.9)
     if best.active:  # both with the noise of the final model
-        plain = selection.plain_model_with_noise_of(best)
+        plain = fits.plain_model_with_noise_of(best)
     diagnosis = Diagnosis(
-        problem=selection.problem,
+        problem=problem,
         plain=plain_estimate,
         before=plain,
         after=best,
         effects=effects,
         scores=scores,
-        trials=tuple(selection.trials),
+        trials=tuple(fits.trials),
         gap=cross_validate(plain, best),
-        residual_tests_before=selection.residual_tests(plain),
-        residual_tests_after=selection.residual_tests(best),
+        residual_tests_before=fits.residual_tests(plain),
+        residual_tests_after=fits.residual_tests(best),
         p_value_of_one_more=p_value_of_one_more,
         rivals=tuple(selection.rivals),
     )

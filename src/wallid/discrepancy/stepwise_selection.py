@@ -4,21 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-import numpy as np
-
-from ..inference.likelihood import LOG_DIFFUSIVITY
-from ..inference.noise_covariance import NoiseCovariance
-from ..inference.whittle_likelihood import MIN_READINGS, estimate_noise
 from .acceptance import FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL, penalised_cost, reason_for_refusal
+from .candidate_fits import CandidateFits
 from .cross_validation import effect_by_window, held_out, held_out_cost
-from .effect_fit import EffectFit, refit
-from .effect_results import NamedEffect, Trial
-from .problem import DiagnosisProblem, EffectParameters
-from .residual_tests import ResidualTests, omnibus_directions, run_residual_tests
+from .effect_fit import EffectFit
+from .effect_results import NamedEffect
+from .problem import EffectParameters
 from .score_test import (
-    CandidateJacobian,
     CandidateScores,
-    candidate_jacobian,
     candidate_jacobian_of_forms,
     same_effect_and_target,
     score_candidates,
@@ -33,119 +26,21 @@ _LARGE_SHIFTS, _FORMS, _STARTS = 3, 2, 3  # refits of candidates that shift alph
 _PARTNERS = 2  # candidates that are refitted together with the best single effect
 _GAIN_MARGIN = 0.35  # relative error allowed for in an expected gain
 _EXCHANGE_MARGIN = 0.2  # the same where one effect is exchanged for another
-_MODEL_ERROR = 1e-3  # share of the gain of an effect that its discretisation may leave in the residual: 3 % of its size
-_FAR_FROM_PRIOR = 1.0  # of ln(alpha) from the prior, from which fits also start at the prior
 _MAX_ROUNDS = 4
-_CONVERGED = 0.05  # standard errors of ln(alpha) by which the last iteration of the plain estimate may change it
 
 
 class StepwiseSelection:
-    """The stepwise selection for one diagnosis problem, with the fits that it has tried.
+    """The stepwise selection for one diagnosis problem.
 
     Args:
-        problem: the case prepared for the search.
+        fits: of the problem; the selection adds those that it tries.
+
+    `rivals` has the fits of the last exchange, with one effect exchanged each.
     """
 
-    def __init__(self, problem: DiagnosisProblem):
-        self.problem = problem
-        self.random = np.random.default_rng(problem.case.choices.seed)
-        self.trials: list[Trial] = []
+    def __init__(self, fits: CandidateFits):
+        self.problem, self.fits = fits.problem, fits
         self.rivals: list[EffectFit] = []
-        self._jacobians: dict[frozenset[EffectParameters], CandidateJacobian] = {}
-        self._reduced_fits: dict[tuple[frozenset[EffectParameters], NoiseCovariance], EffectFit] = {}
-
-    def fit_plain_model(self) -> EffectFit:
-        """Fit the plain model, with the noise estimated beside the entire library."""
-        problem = self.problem
-        stated = problem.noise_shape(problem.parameters).stated_covariance()
-        return self.refit_with_estimated_noise(refit(problem, (), problem.parameters, stated))
-
-    def plain_estimate(self, plain: EffectFit) -> EffectFit:
-        """The plain model as `wallid.estimate` fits it: with the noise estimated from its own residual.
-
-        Where an effect is missing, this noise contains its trace, and that of the search does not.
-        """
-        fit = plain
-        for _ in range(_MAX_ROUNDS):
-            jacobian, residual = fit.unwhitened()
-            shape = self.problem.noise_shape(fit.parameters)
-            if self.problem.bins.nonempty - jacobian.shape[1] >= MIN_READINGS:
-                noise = estimate_noise(shape, residual, jacobian.T, fit.sensitivity)
-            else:
-                noise = shape.stated_covariance()
-            last, fit = fit, refit(self.problem, (), fit.parameters, noise)
-            if abs(np.log(fit.diffusivity / last.diffusivity)) < _CONVERGED * fit.log_std:
-                break
-        return fit
-
-    def refit_with_estimated_noise(self, fit: EffectFit) -> EffectFit:
-        """Fit the same model again, with the noise estimated orthogonally to the library and the omnibus directions.
-
-        Where these leave too few readings, the noise is as stated.
-        """
-        problem = self.problem
-        jacobian, residual = fit.unwhitened()
-        directions = np.concatenate([self.candidate_jacobian(fit).columns, jacobian.T, *omnibus_directions(fit)])
-        shape = problem.noise_shape(fit.parameters)
-        noise = estimate_noise(shape, residual, directions)
-        noise = noise if noise.degrees_of_freedom >= MIN_READINGS else shape.stated_covariance()
-        return refit(problem, fit.active, fit.parameters, noise)
-
-    def plain_model_with_noise_of(self, fit: EffectFit) -> EffectFit:
-        """The plain model fitted with the noise of a fit with effects."""
-        while fit.active:
-            fit = self.without(fit, fit.active[-1])
-        return fit
-
-    def score_candidates(self, fit: EffectFit) -> CandidateScores:
-        """The score test of the entire library against a fit."""
-        return score_candidates(fit, self.candidate_jacobian(fit), self.random)
-
-    def candidate_jacobian(self, fit: EffectFit) -> CandidateJacobian:
-        """The derivatives of the library, computed once for each set of effects: they hardly change between fits."""
-        effects = frozenset(fit.active)
-        if effects not in self._jacobians:
-            self._jacobians[effects] = candidate_jacobian(self.problem, fit)
-        return self._jacobians[effects]
-
-    def residual_tests(self, fit: EffectFit) -> ResidualTests:
-        """The tests of the residual of a fit, with an allowance for the model error of its effects."""
-        return run_residual_tests(fit, self._model_error_allowance(fit))
-
-    def _model_error_allowance(self, fit: EffectFit) -> float:
-        """The part of `-2 log L` that the discretisation of the effects in a fit may leave in the residual."""
-        return _MODEL_ERROR * max(self.plain_model_with_noise_of(fit).cost - fit.cost, 0.0)
-
-    def without(self, fit: EffectFit, effect_parameters: EffectParameters) -> EffectFit:
-        """A fit without one of its effects, with the same noise; computed once."""
-        active = tuple(other for other in fit.active if other is not effect_parameters)
-        key = (frozenset(active), fit.noise)
-        if key not in self._reduced_fits:
-            parameters = fit.parameters.with_values({effect_parameters.names[0]: 0.0})
-            self._reduced_fits[key] = refit(self.problem, active, parameters, fit.noise)
-        return self._reduced_fits[key]
-
-    def add_candidates(self, scores: CandidateScores, chosen: tuple[int, ...]) -> EffectFit:
-        """Fit the base of a score test with some of its candidates, starting from the linear prediction."""
-        base, problem = scores.base, self.problem
-        parameters = base.parameters
-        for k in chosen:
-            parameters = parameters.with_values(scores.candidates[k].scan_values)
-        active = (*base.active, *(scores.effect(k) for k in chosen))
-        sizes, shifts = scores.joint_prediction(chosen)
-        step = shifts | {scores.effect(k).names[0]: size for k, size in zip(chosen, sizes.tolist(), strict=True)}
-        for error, effect_parameters in problem.replaced_errors(active).items():
-            if effect_parameters not in base.active:
-                step[effect_parameters.names[0]] += problem.taken_over(error, shifts.get(error, 0.0))
-        fits = [refit(problem, active, parameters, base.noise, step=step)]
-        starts = [] if fits[0].cost < base.cost else [parameters]  # the linear prediction may be too far off
-        if abs(base.parameters[LOG_DIFFUSIVITY]) > _FAR_FROM_PRIOR:  # and so may the base be
-            effect_values = {name: float(parameters[name]) for one in active for name in one.names}
-            starts.append(problem.parameters.with_values(effect_values))
-        fits += [refit(problem, active, start, base.noise) for start in starts]
-        fit = min(fits, key=lambda fit: fit.cost)
-        self.trials.append(Trial(base, fit, scores.joint_gain(chosen)))
-        return fit
 
     def select_first(self, plain: EffectFit, scores: CandidateScores, progress: Callable[[float], None]) -> EffectFit:
         """The best of a few single effects and pairs, or the plain model where none is significant."""
@@ -165,13 +60,13 @@ class StepwiseSelection:
         fits: list[EffectFit] = []
         for count, k in enumerate(single):
             progress(count / (len(single) + len(double)))
-            fits.append(self.add_candidates(scores, (k,)))
+            fits.append(self.fits.add_candidates(scores, (k,)))
         best = min(fits, key=lambda fit: fit.cost, default=None)
         # pairs only where a single effect leaves a significant residual, which is rare: a refit of a pair costs most
-        if pair_significant and (best is None or self.residual_tests(best).p_value < _PAIR_TEST_LEVEL):
+        if pair_significant and (best is None or self.fits.residual_tests(best).p_value < _PAIR_TEST_LEVEL):
             for count, pair in enumerate(double):
                 progress((len(single) + count) / (len(single) + len(double)))
-                fits.append(self.add_candidates(scores, pair))
+                fits.append(self.fits.add_candidates(scores, pair))
             fits += self._pairs_with_best_single(fits)
         threshold = {
             1: scores.threshold(FIRST_EFFECT_LEVEL),
@@ -181,13 +76,13 @@ class StepwiseSelection:
 
     def _pairs_with_best_single(self, fits: list[EffectFit]) -> list[EffectFit]:
         """Fits of the best single effect with the best candidates beside it, scored after its refit."""
-        singles = [fit for fit in fits if len(fit.active) == 1 and self._acceptable(fit)]
+        singles = [fit for fit in fits if len(fit.active) == 1 and self.fits.acceptable(fit)]
         if not singles:
             return []
         best = min(singles, key=penalised_cost)
-        scores, known = self.score_candidates(best), {frozenset(fit.active) for fit in fits}
+        scores, known = self.fits.score_candidates(best), {frozenset(fit.active) for fit in fits}
         partners = [k for k in scores.best_penalised(_PARTNERS) if {*best.active, scores.effect(k)} not in known]
-        return [self.add_candidates(scores, (k,)) for k in partners]
+        return [self.fits.add_candidates(scores, (k,)) for k in partners]
 
     def _best(self, base: EffectFit, fits: Iterable[EffectFit], threshold: dict[int, float]) -> EffectFit:
         """The accepted fit with the lowest penalised cost, or the base.
@@ -204,7 +99,7 @@ class StepwiseSelection:
             added = set(fit.active) - set(base.active)
             return penalised_cost(fit) + threshold.get(len(added), 0.0)
 
-        ordered = sorted((fit for fit in fits if self._acceptable(fit)), key=penalised)
+        ordered = sorted((fit for fit in fits if self.fits.acceptable(fit)), key=penalised)
         for fit in ordered:
             if penalised(fit) >= penalised_cost(base):
                 break
@@ -212,25 +107,14 @@ class StepwiseSelection:
             rows = held_out(self.problem, fit.events)
             if rows is None or held_out_cost(fit, rows) < min(held_out_cost(other, rows) for other in fewer[:2]):
                 return fit
-            self._set_reason(fit, "does not predict the days held out better")
+            self.fits.set_reason(fit, "does not predict the days held out better")
         return base
-
-    def _set_reason(self, fit: EffectFit, reason: str) -> None:
-        for trial in self.trials:
-            if trial.fit is fit:
-                trial.reason = reason
-
-    def _acceptable(self, fit: EffectFit) -> bool:
-        """Whether a fit is accepted; notes the reason in its trial where it is not."""
-        reason = reason_for_refusal(fit)
-        self._set_reason(fit, reason)
-        return not reason
 
     def select_further(self, fit: EffectFit, progress: Callable[[float], None]) -> EffectFit:
         """Exchange, add and remove effects until the set of effects stays the same."""
         if not fit.active:
             return fit
-        fit = self.refit_with_estimated_noise(fit)
+        fit = self.fits.refit_with_estimated_noise(fit)
         for count in range(_MAX_ROUNDS):
             progress(count / _MAX_ROUNDS)
             new = self._exchange(fit)
@@ -238,27 +122,27 @@ class StepwiseSelection:
             new = self._remove_one(new)
             if set(new.active) == set(fit.active):
                 return new
-            fit = self.refit_with_estimated_noise(new)
+            fit = self.fits.refit_with_estimated_noise(new)
         return fit
 
     def _add_one(self, fit: EffectFit) -> EffectFit:
-        scores = self.score_candidates(fit)
+        scores = self.fits.score_candidates(fit)
         threshold = self._threshold(scores)
-        fits = [self.add_candidates(scores, (k,)) for k in scores.best_penalised(2) if scores.gain[k] > threshold]
+        fits = [self.fits.add_candidates(scores, (k,)) for k in scores.best_penalised(2) if scores.gain[k] > threshold]
         return self._best(fit, fits, {1: threshold})
 
     def _threshold(self, scores: CandidateScores) -> float:
         """The gain that a further effect must exceed: of chance, and of the model error of the other effects."""
-        return max(scores.threshold(FURTHER_EFFECT_LEVEL), self._model_error_allowance(scores.base))
+        return max(scores.threshold(FURTHER_EFFECT_LEVEL), self.fits.model_error_allowance(scores.base))
 
     def _remove_one(self, fit: EffectFit) -> EffectFit:
         """The fit without an effect that is not significant beside the others."""
         if len(fit.active) < 2:
             return fit
         for effect_parameters in fit.active:
-            reduced = self.without(fit, effect_parameters)
-            threshold = self._threshold(self.score_candidates(reduced))
-            if penalised_cost(reduced) - penalised_cost(fit) < threshold and self._acceptable(reduced):
+            reduced = self.fits.without(fit, effect_parameters)
+            threshold = self._threshold(self.fits.score_candidates(reduced))
+            if penalised_cost(reduced) - penalised_cost(fit) < threshold and self.fits.acceptable(reduced):
                 return reduced
         return fit
 
@@ -268,24 +152,24 @@ class StepwiseSelection:
         Where the omnibus test rejects the fit, an effect may have another form, or its fit may have ended in a local
         minimum: other forms, and other positions and times to start from, are tried too.
         """
-        best, rejected = fit, self.residual_tests(fit).p_value < _PAIR_TEST_LEVEL
+        best, rejected = fit, self.fits.residual_tests(fit).p_value < _PAIR_TEST_LEVEL
         self.rivals = []
         for effect_parameters in fit.active:
-            base = self.without(fit, effect_parameters)
-            scores = self.score_candidates(base)
+            base = self.fits.without(fit, effect_parameters)
+            scores = self.fits.score_candidates(base)
             near = [k for k in scores.best_penalised(_RIVALS + 1) if scores.gain[k] >= _comparable(base, fit)]
             near, far = (
                 [k for k in chosen if not same_effect_and_target(scores.effect(k), effect_parameters)]
                 for chosen in (near, scores.largest_shifts(FURTHER_EFFECT_LEVEL, _LARGE_SHIFTS))
             )
-            fits = [self.add_candidates(scores, (k,)) for k in dict.fromkeys([*near[:_RIVALS], *far])]
+            fits = [self.fits.add_candidates(scores, (k,)) for k in dict.fromkeys([*near[:_RIVALS], *far])]
             self.rivals += fits
             if rejected:
                 fits += self._other_forms(fit, effect_parameters, base)
                 starts = scores.candidates_of(effect_parameters)[1 : 1 + _STARTS]
-                fits += [self.add_candidates(scores, (k,)) for k in starts]
+                fits += [self.fits.add_candidates(scores, (k,)) for k in starts]
             for other in fits:
-                if penalised_cost(other) < penalised_cost(best) and self._acceptable(other):
+                if penalised_cost(other) < penalised_cost(best) and self.fits.acceptable(other):
                     best = other
         return best
 
@@ -297,26 +181,26 @@ class StepwiseSelection:
             return []
         sizes = {parameter.name for parameter in effect_parameters.effect.parameters if parameter.is_size}
         known = {name: value for name, value in effect_parameters.values(fit.parameters).items() if name not in sizes}
-        scores = score_candidates(base, candidate_jacobian_of_forms(self.problem, base, forms, known), self.random)
+        scores = score_candidates(base, candidate_jacobian_of_forms(self.problem, base, forms, known), self.fits.random)
         chosen = [k for k in scores.best(_FORMS) if scores.gain[k] >= _comparable(base, fit)]
-        fits = [self.add_candidates(scores, (k,)) for k in chosen]
+        fits = [self.fits.add_candidates(scores, (k,)) for k in chosen]
         # an effect that replaced the right form may not be needed beside it
-        return [*fits, *(self.without(other, partner) for other in fits for partner in base.active)]
+        return [*fits, *(self.fits.without(other, partner) for other in fits for partner in base.active)]
 
     def p_value_of_one_more(self, fit: EffectFit) -> float:
         """The p-value of one effect more, where the fit has the largest number allowed; else 1."""
         if len(fit.active) < _MAX_EFFECTS:
             return 1.0
-        scores = self.score_candidates(fit)
+        scores = self.fits.score_candidates(fit)
         largest = float(scores.gain.max(initial=0.0))
-        return 1.0 if largest < self._model_error_allowance(fit) else scores.p_value(largest)
+        return 1.0 if largest < self.fits.model_error_allowance(fit) else scores.p_value(largest)
 
     def named_effects(self, fit: EffectFit) -> tuple[NamedEffect, ...]:
         """Each effect of a fit with its parameters, its gain and its rivals, largest gain first."""
         named_effects = []
         for effect_parameters in fit.active:
-            base = self.without(fit, effect_parameters)
-            scores = self.score_candidates(base)
+            base = self.fits.without(fit, effect_parameters)
+            scores = self.fits.score_candidates(base)
             indices = scores.by_effect.get(effect_parameters)
             gain = base.cost - fit.cost
             expected = float(scores.gain[indices].max()) if indices is not None else float("nan")
