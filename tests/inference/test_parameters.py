@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wallid.inference.parameters import Parameter, Parameters
+from wallid.inference.parameters import Parameter, Parameters, kind_of, target_of
 
 OFFSET, SHIFT = (
     Parameter("sensor_offset[T1]", "K", prior_std=0.1),
@@ -31,6 +31,13 @@ def test_what_goes_in_by_name_comes_out_by_name(values, random):
     assert again.to_dict() == dict(zip(names, values, strict=True))
     assert np.array_equal(again.vector(order), [again.to_dict()[name] for name in order])
     assert again.names == parameters.names
+
+
+@given(st.text(min_size=1))
+def test_a_target_may_have_any_name(column):
+    """Loggers write names such as "T12 [°C]"."""
+    for name, kind in ((f"sensor_offset[{column}]", "sensor_offset"), (f"effect.gain[{column}].size", "effect.gain")):
+        assert (kind_of(name), target_of(name)) == (kind, column)
 
 
 def test_a_parameter_is_estimated_unless_it_is_known_exactly():

@@ -45,7 +45,7 @@ def kind_of(name: str) -> str:
 
 def target_of(name: str) -> str:
     """The target of a parameter: "T1" of "sensor_offset[T1]"; "" where it has none."""
-    return name.partition("[")[2].partition("]")[0]
+    return name.partition("[")[2].rpartition("]")[0]  # a column may have brackets in its name
 
 
 class Parameters(eqx.Module):
