@@ -77,8 +77,8 @@ def test_a_kind_from_outside_is_estimated():
 
 def test_one_compilation_serves_every_choice_of_what_is_estimated(monkeypatch):
     """Offsets, positions, faces' positions and common noise, with other priors or none: the mask is data."""
-    case, traced, search = simulated(5), [], likelihood._search
-    monkeypatch.setattr(likelihood, "_search", lambda *given: traced.append(1) or search(*given))
+    case, traced, search = simulated(5), [], likelihood.search
+    monkeypatch.setattr(likelihood, "search", lambda *given: traced.append(1) or search(*given))
     model = wallid.full_order_model(case)
     jax.clear_caches()
     estimated = set()

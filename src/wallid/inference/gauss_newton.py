@@ -17,8 +17,8 @@ Source: Berger and Kadoch, Section 4.2 and Algorithm 1; Deuflhard, Newton Method
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import reduce
+from collections.abc import Callable
+from functools import partial, reduce
 from typing import Any
 
 import equinox as eqx
@@ -184,35 +184,21 @@ def _newton_step(residual: PyTree[Array], jacobian: PyTree[Array]) -> tuple[Arra
         J = jnp.concatenate([J.reshape(J.shape[0], -1) for _, J in parts], axis=1)
         solution = lx.linear_solve(lx.MatrixLinearOperator(J.T), r, lx.SVD(rcond=1e-12), throw=False)
         return jnp.sum(r**2), solution.value, optx.RESULTS.promote(solution.result)
-    zero = jnp.zeros(())
-
-    def add(sums: Sequence[Array], more: Sequence[Array]) -> tuple[Array, ...]:
-        return tuple(a + b for a, b in zip(sums, more, strict=True))
-
-    sums = [jax.lax.reduce((r**2, J**2, J * r), (zero,) * 3, add, range(r.ndim)) for r, (J,) in parts]
+    add = partial(jax.tree.map, jnp.add)
+    sums = [jax.lax.reduce((r**2, J**2, J * r), (jnp.zeros(()),) * 3, add, range(r.ndim)) for r, (J,) in parts]
     cost, square, product = reduce(add, sums)
     step = jnp.where(square > 0, product / jnp.where(square > 0, square, 1.0), 0.0)
     return cost, step[None], optx.RESULTS.successful
 
 
-def search(
-    residual: Callable[[Any, Any], tuple[PyTree[Array], Any]],
-    first: Float[Array, " param"],
-    args: Any,
-    *,
-    eta: Float[Array, ""],
-    lower: Float[Array, ""],
-    upper: Float[Array, ""],
-    max_iterations: int,
-) -> optx.Solution:
-    """The Gauss-Newton iteration on `residual(y, args)` from `first`.
+def search(problem: Any, first: Float[Array, " param"], eta: Float[Array, ""], max_iterations: int) -> optx.Solution:
+    """The Gauss-Newton iteration on `problem.residual(y)` from `first`, for use inside a compiled function.
 
     Args:
-        residual: function that returns the residual (a pytree of arrays) and any further values at `y` (`aux`).
+        problem: a pytree with a method `residual`, which returns the residual (a pytree of arrays) and any further
+            values (`aux`); with `start`, alpha_0; and with `lowest` and `highest`, the bounds of the diffusivity, m2/s.
         first: where the iteration starts.
-        args: second argument of `residual`.
         eta: the stopping criterion on the diffusivity; its square is the one on the cost.
-        lower, upper: bounds of ln(alpha/alpha_0).
         max_iterations: after more evaluations the iteration ends as not converged.
 
     Returns:
@@ -222,11 +208,13 @@ def search(
         # near the minimum gamma_1 is proportional to gamma_2^2; below 1e-14 a sum of squares is round-off
         eta_1=jnp.maximum(eta**2, 1e-14),
         eta_2=eta,
-        lower=lower,
-        upper=upper,
+        lower=jnp.log(problem.lowest / problem.start),
+        upper=jnp.log(problem.highest / problem.start),
         max_iterations=max_iterations,
     )
-    return optx.least_squares(residual, solver, first, args=args, has_aux=True, max_steps=None, throw=False)
+    return optx.least_squares(
+        lambda y, problem: problem.residual(y), solver, first, problem, has_aux=True, max_steps=None, throw=False
+    )
 
 
 def relative_change(y_new: Float[Array, " param"], y: Float[Array, " param"]) -> Float[Array, ""]:

@@ -143,9 +143,9 @@ class LikelihoodProblem(eqx.Module):
         predicted = self.predicted(y)
         return self.bins.mean(predicted), predicted
 
-    def residual(self, y: Float[Array, " param"]) -> Float[Array, " row"]:
-        """The whitened residual, then the prior residuals."""
-        return jnp.concatenate([self.whitening @ (self.binned(y)[0] - self.observed), y[1:]])
+    def residual(self, y: Float[Array, " param"]) -> tuple[Float[Array, " row"], None]:
+        """The whitened residual, then the prior residuals; and no further values."""
+        return jnp.concatenate([self.whitening @ (self.binned(y)[0] - self.observed), y[1:]]), None
 
 
 class Minimum(eqx.Module):
@@ -183,7 +183,7 @@ def minimise(
         eta: stopping criterion on the relative change of the diffusivity.
         max_iterations: after more evaluations the iteration ends as not converged.
     """
-    solution = _search(problem, first, eta, max_iterations)
+    solution = search(problem, first, eta, max_iterations)
     jacobian, predicted = jax.jacfwd(problem.binned, has_aux=True)(solution.value)
     return Minimum(
         vector=solution.value,
@@ -193,18 +193,6 @@ def minimise(
         jacobian=jacobian,
         cost=jnp.sum(solution.stats["residual"] ** 2),
         converged=solution.result == optx.RESULTS.successful,
-    )
-
-
-def _search(problem: LikelihoodProblem, first: Array, eta: Array, max_iterations: int) -> optx.Solution:
-    return search(
-        lambda y, problem: (problem.residual(y), None),
-        first,
-        problem,
-        eta=eta,
-        lower=jnp.log(problem.lowest / problem.start),
-        upper=jnp.log(problem.highest / problem.start),
-        max_iterations=max_iterations,
     )
 
 
@@ -222,7 +210,7 @@ def profile_likelihood(problem: LikelihoodProblem, log_alpha: Float[Array, " poi
 
     def linearise(log: Array, z: Array) -> tuple[Array, Array]:
         def residual(z: Array) -> tuple[Array, Array]:
-            value = problem.residual(jnp.concatenate([log[None], z]))
+            value, _ = problem.residual(jnp.concatenate([log[None], z]))
             return value, value
 
         return jax.jacfwd(residual, has_aux=True)(z)
@@ -270,7 +258,7 @@ def bootstrap_estimates(
         observed = problem.binned(truth)[0] + covariance_root @ jax.random.normal(noise_key, problem.observed.shape)
         present = problem.bins.counts().T.reshape(-1) > 0
         drawn = eqx.tree_at(lambda p: p.observed, problem, jnp.where(present, observed, 0.0))
-        return _search(drawn, vector, jnp.asarray(_BOOTSTRAP_ETA), _BOOTSTRAP_STEPS).value[0]
+        return search(drawn, vector, jnp.asarray(_BOOTSTRAP_ETA), _BOOTSTRAP_STEPS).value[0]
 
     return jax.lax.map(estimate, jax.random.split(key, draws))
 

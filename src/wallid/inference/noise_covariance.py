@@ -94,15 +94,10 @@ def restricted_to_reading_rows(
     """
     if spacing == 1:
         return response, bins
-    padding = ((0, 0), (0, -response.shape[1] % spacing), (0, 0))
-
-    def summed(values: np.ndarray) -> np.ndarray:
-        padded = np.pad(values, padding)
-        return padded.reshape(len(values), -1, spacing, values.shape[-1]).sum(axis=2)
-
-    observed, present = summed(np.stack([np.asarray(bins.observed), np.asarray(bins.present)]))
-    thinned = BinnedReadings(on_device(observed), on_device(present), bins.rows_per_bin // spacing)
-    return summed(response) / math.sqrt(spacing), thinned
+    first = np.arange(0, response.shape[1], spacing)
+    observed, present = (on_device(np.add.reduceat(rows, first)) for rows in (bins.observed, bins.present))
+    thinned = BinnedReadings(observed, present, bins.rows_per_bin // spacing)
+    return np.add.reduceat(response, first, axis=1) / math.sqrt(spacing), thinned
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,14 +151,11 @@ class NoiseCovariance:
         return float(self.shape_probability @ self.std_ratio**2)
 
     def __str__(self) -> str:
-        total = np.sqrt(self.white + self.autocorrelated)
-        correlated = ""
-        if self.autocorrelated * self.correlation > 0.05 * (self.white + self.autocorrelated):
-            share = self.autocorrelated / (self.white + self.autocorrelated)
-            correlated = (
-                f", {100 * share:.0f} % of its variance with correlation {self.correlation:.2f} from row to row"
-            )
-        return f"noise {total:.2f} times the stated{correlated}"
+        total = self.white + self.autocorrelated
+        share, text = self.autocorrelated / total, f"noise {np.sqrt(total):.2f} times the stated"
+        if share * self.correlation <= 0.05:
+            return text
+        return f"{text}, {100 * share:.0f} % of its variance with correlation {self.correlation:.2f} from row to row"
 
 
 class NoiseShape:
@@ -219,18 +211,17 @@ class NoiseShape:
         n, sensors, counts = self.bin_count, self.sensor_count, self.counts
         R = np.zeros((sensors * n, sensors * n))
         for response in self.binned_response:
-            G_f = np.concatenate([_lower_toeplitz(column) for column in response.T])
+            G_f = np.concatenate([scipy.linalg.toeplitz(column, np.zeros_like(column)) for column in response.T])
             R += self.face_std**2 * (G_f @ C) @ G_f.T
         for s, std in enumerate(self.sensor_std):
             block = slice(s * n, (s + 1) * n)
             R[block, block] += std**2 * C
             # the mean of fewer readings has more white noise
             excess = white / np.maximum(counts[:, s], 1.0) - white / self.rows_per_bin
-            R[np.arange(s * n, (s + 1) * n), np.arange(s * n, (s + 1) * n)] += std**2 * excess
+            R[block, block] += np.diag(std**2 * excess)
         R += self.gap_errors.T @ self.gap_errors
-        missing = np.flatnonzero(counts.T.reshape(-1) == 0)
-        R[missing] = 0.0
-        R[:, missing] = 0.0
+        missing = counts.T.reshape(-1) == 0
+        R[missing] = R[:, missing] = 0.0
         R[missing, missing] = 1.0
         lower = np.linalg.cholesky(R)
         whitening = scipy.linalg.solve_triangular(lower, np.eye(len(R)), lower=True)
@@ -242,16 +233,13 @@ class NoiseShape:
 
     def _residual_rms(self, white: float, autocorrelated: float, rho: float) -> float:
         """Root mean square of the noise at the rows, K, the faces' part included."""
-        h = self.response  # (face, row, sensor)
-        rows = h.shape[1]
-        lags = np.arange(rows)
-        autocovariance = autocorrelated * rho**lags
-        spectrum = np.fft.rfft(h, 2 * rows, axis=1)
+        rows = self.response.shape[1]
+        autocovariance = 2 * autocorrelated * rho ** np.arange(rows)  # of both signs of the lag
+        autocovariance[0] = white + autocorrelated
+        spectrum = np.fft.rfft(self.response, 2 * rows, axis=1)
         correlation = np.fft.irfft(np.abs(spectrum) ** 2, axis=1)[:, :rows]  # (face, lag, sensor)
-        face_variance = correlation[:, 0] * (white + autocorrelated) + 2 * np.einsum(
-            "flk,l->fk", correlation[:, 1:], autocovariance[1:]
-        )
-        variance = self.sensor_std**2 * (white + autocorrelated) + self.face_std**2 * face_variance.sum(axis=0)
+        face_variance = np.einsum("flk,l->k", correlation, autocovariance)
+        variance = self.sensor_std**2 * (white + autocorrelated) + self.face_std**2 * face_variance
         gap_variance = (np.sum(self.gap_errors**2, axis=0) * self.counts.T.reshape(-1)).sum()
         return float(np.sqrt(((self.present * variance).sum() + gap_variance) / self.present.sum()))
 
@@ -261,7 +249,3 @@ class NoiseShape:
         size = np.linalg.norm(self.gap_errors, axis=1)
         count = max(1, int((self.counts > 0).sum()) // 10)
         return self.gap_errors[np.argsort(-size)[:count]]
-
-
-def _lower_toeplitz(column: np.ndarray) -> np.ndarray:
-    return scipy.linalg.toeplitz(column, np.zeros_like(column))

@@ -12,6 +12,7 @@ Source: Berger and Kadoch, Section 4.2.
 from __future__ import annotations
 
 from functools import partial
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -63,6 +64,7 @@ class WeightedProblem(eqx.Module):
         start: alpha_0, m2/s.
         explicit_theta: whether the sensitivity comes from the explicit theta system, not from autodiff.
         integrator: how the rows are stepped through.
+        lowest, highest: bounds of the diffusivity, m2/s.
     """
 
     system: StateSpace
@@ -71,6 +73,8 @@ class WeightedProblem(eqx.Module):
     start: Float[Array, ""]
     explicit_theta: bool = eqx.field(static=True)
     integrator: Integrator = eqx.field(static=True)
+    lowest: ClassVar[float] = LOWEST
+    highest: ClassVar[float] = HIGHEST
 
     def predicted(self, y: Float[Array, " param"]) -> Float[Array, "time sensor"]:
         """The predicted readings, degC, offsets included."""
@@ -97,15 +101,7 @@ class WeightedProblem(eqx.Module):
 
 def solve_weighted_problem(problem: WeightedProblem, eta: Float[Array, ""], max_iterations: int) -> optx.Solution:
     """The Gauss-Newton iteration from `start`, for use inside a compiled function."""
-    return search(
-        lambda y, problem: problem.residual(y),
-        jnp.zeros(1 + len(problem.data.offsets)),
-        problem,
-        eta=eta,
-        lower=jnp.log(LOWEST / problem.start),
-        upper=jnp.log(HIGHEST / problem.start),
-        max_iterations=max_iterations,
-    )
+    return search(problem, jnp.zeros(1 + len(problem.data.offsets)), eta, max_iterations)
 
 
 def stack_jacobian(of_readings: Float[Array, "*readings param"], of_priors: Array) -> Float[Array, "row param"]:

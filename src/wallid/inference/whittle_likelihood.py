@@ -33,10 +33,7 @@ _CORRELATIONS = (0.3, 0.5, 0.6, 0.7, 0.76, 0.82, 0.86, 0.89, 0.92, 0.95, 0.97)
 
 
 def estimate_noise(
-    shape: NoiseShape,
-    residual: np.ndarray,
-    directions: np.ndarray,
-    sensitivity: np.ndarray | None = None,
+    shape: NoiseShape, residual: np.ndarray, directions: np.ndarray, sensitivity: np.ndarray | None = None
 ) -> NoiseCovariance:
     """The noise covariance estimated from a residual, some directions projected out.
 
@@ -160,9 +157,7 @@ class _Whittle:
 
 def dct_spectrum(cov: np.ndarray, omega: np.ndarray) -> np.ndarray:
     """`sum_k cov_k cos(k omega)` at the frequencies of a cosine transform."""
-    count = len(cov)
-    extended = np.concatenate([cov, np.zeros(count)])
-    return np.fft.fft(extended).real[: len(omega)]
+    return np.fft.fft(cov, 2 * len(cov)).real[: len(omega)]
 
 
 def edge_spectrum(cov: np.ndarray, omega: np.ndarray) -> np.ndarray:
@@ -172,7 +167,6 @@ def edge_spectrum(cov: np.ndarray, omega: np.ndarray) -> np.ndarray:
     `c_0 + 2 sum_l c_l ((1 - l/n) cos(a l) - sin(a l) / (n sin a))`, without the last term at k = 0.
     """
     count = len(cov)
-    lag = np.arange(count)
-    cosines = np.fft.fft(np.concatenate([cov * lag, np.zeros(count)]))[: len(omega)].real
-    sines = -np.fft.fft(np.concatenate([cov, np.zeros(count)]))[: len(omega)].imag
+    cosines = np.fft.fft(cov * np.arange(count), 2 * count)[: len(omega)].real
+    sines = -np.fft.fft(cov, 2 * count)[: len(omega)].imag
     return 2.0 / count * (cosines + np.divide(sines, np.sin(omega), out=np.zeros(len(omega)), where=omega > 0))
