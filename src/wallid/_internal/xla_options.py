@@ -21,9 +21,9 @@ from typing import Any
 
 import jax
 
-_JAXLIB = "0.10."  # XLA aborts the process at an unknown flag
 _EMITTERS = "--xla_cpu_use_fusion_emitters=false"
-_LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=2000000"
+_WITH_EMITTERS = range(6, 11)  # minor versions of jaxlib that know this flag; XLA aborts the process at an unknown one
+_LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=2000000"  # ignored where unknown
 
 
 def prepare_xla() -> None:
@@ -31,16 +31,18 @@ def prepare_xla() -> None:
 
     Call it before the first JAX computation; importing `wallid` computes nothing. The commands of `wallid` call it.
     A reduced-order model then runs two to four times as fast, and a batch of ten thousand walls three times as fast.
-    Flags that are already in the environment variable `XLA_FLAGS` are kept. With a jaxlib other than 0.10 only the
-    persistent cache is configured.
+    Flags that are already in the environment variable `XLA_FLAGS` are kept. From jaxlib 0.11 on, the option for short
+    compilation does not exist.
 
     Warns:
         UserWarning: JAX has already started, so the options have no effect and are not set.
     """
     flags = os.environ.get("XLA_FLAGS", "").split()
     names = [flag.split("=")[0] for flag in flags]
-    missing = [flag for flag in (_EMITTERS, _LOOPS) if flag.split("=")[0] not in names]
-    if (missing or jax.config.read("jax_cpu_enable_async_dispatch")) and version("jaxlib").startswith(_JAXLIB):
+    major, minor = (int(part) for part in version("jaxlib").split(".")[:2])
+    wanted = (_EMITTERS, _LOOPS) if (major, minor) in {(0, known) for known in _WITH_EMITTERS} else (_LOOPS,)
+    missing = [flag for flag in wanted if flag.split("=")[0] not in names]
+    if missing or jax.config.read("jax_cpu_enable_async_dispatch"):
         if _jax_has_started():
             message = "wallid.prepare_xla: no effect, JAX has already started; call it before the first JAX computation"
             warnings.warn(message, stacklevel=2)
