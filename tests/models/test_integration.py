@@ -31,7 +31,7 @@ from systems import (
 
 import wallid
 from wallid._internal.arrays import index_array, on_device
-from wallid._internal.xla_options import has_small_loops
+from wallid._internal.xla_options import has_small_loops, known_flags
 from wallid.models.exponential_solver import phi_functions, step_map
 from wallid.models.integration import _as_array
 from wallid.models.recurrence import single_kernel
@@ -243,6 +243,11 @@ def test_what_xla_is_asked_holds():
     """The tests ask before JAX's first computation, as the commands do."""
     assert has_small_loops()
     assert not jax.config.read("jax_cpu_enable_async_dispatch")
+
+
+@pytest.mark.parametrize(("jaxlib", "count"), [("0.6.2", 2), ("0.10.2", 2), ("0.12.0.1", 1), ("1.0.0", 1)])
+def test_a_flag_that_xla_does_not_know_is_not_set(jaxlib, count):
+    assert len(known_flags(jaxlib)) == count
 
 
 def test_what_comes_too_late_for_xla_is_not_asked(monkeypatch):

@@ -39,9 +39,7 @@ def prepare_xla() -> None:
     """
     flags = os.environ.get("XLA_FLAGS", "").split()
     names = [flag.split("=")[0] for flag in flags]
-    major, minor = (int(part) for part in version("jaxlib").split(".")[:2])
-    wanted = (_EMITTERS, _LOOPS) if (major, minor) in {(0, known) for known in _WITH_EMITTERS} else (_LOOPS,)
-    missing = [flag for flag in wanted if flag.split("=")[0] not in names]
+    missing = [flag for flag in known_flags(version("jaxlib")) if flag.split("=")[0] not in names]
     if missing or jax.config.read("jax_cpu_enable_async_dispatch"):
         if _jax_has_started():
             message = "wallid.prepare_xla: no effect, JAX has already started; call it before the first JAX computation"
@@ -51,6 +49,12 @@ def prepare_xla() -> None:
             jax.config.update("jax_cpu_enable_async_dispatch", False)
     if "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS" not in os.environ:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+
+def known_flags(jaxlib: str) -> tuple[str, ...]:
+    """The flags that a version of jaxlib knows."""
+    major, minor = (int(part) for part in jaxlib.split(".")[:2])
+    return (_EMITTERS, _LOOPS) if major == 0 and minor in _WITH_EMITTERS else (_LOOPS,)
 
 
 def _jax_has_started() -> bool:
