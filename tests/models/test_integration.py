@@ -520,6 +520,6 @@ def test_the_exact_solver_takes_no_adaptive_controller():
 
 
 def test_single_precision_is_refused():
-    enable_x64 = getattr(jax, "enable_x64", None) or jax.experimental.enable_x64  # the name before jax 0.8
+    enable_x64 = jax.enable_x64 if hasattr(jax, "enable_x64") else jax.experimental.enable_x64  # the older name
     with enable_x64(False), pytest.raises(RuntimeError, match="jax_enable_x64"):
         slab(11)

@@ -113,7 +113,8 @@ def test_a_valid_record_is_read_back_equal(tmp_path_factory, step, zone, start, 
         for stamp, (left, right), cell in zip(stamps, faces, inner, strict=True):
             shown = np.datetime_as_string(stamp, unit="s")
             file.write(f"{shown}{zone},{left!r},{right!r},{'' if cell is None else repr(cell)}\n")
-    record = read_record(path, time="time", left="T_left", right="T_right", sensors=["T1"])
+    as_read = FileFormat(clean=False)  # one reading far from all others would be screened as a spike
+    record = read_record(path, time="time", left="T_left", right="T_right", sensors=["T1"], file_format=as_read)
     np.testing.assert_array_equal(record.stamps, stamps)
     # pandas 2 rounds the last digit of some numbers otherwise
     np.testing.assert_allclose(record.faces, faces, rtol=1e-15)
