@@ -13,11 +13,11 @@ os.environ.setdefault("JAX_ENABLE_X64", "1")
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # two workers on two cores
 # a program compiled in one piece costs all cores together less; XLA ends a process that names a flag it does not know
-tried = version("jaxlib").startswith("0.10.")
-if tried and "codegen_split_count" not in os.environ.get("XLA_FLAGS", ""):
+known_jaxlib = version("jaxlib").startswith("0.10.")
+if known_jaxlib and "codegen_split_count" not in os.environ.get("XLA_FLAGS", ""):
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_parallel_codegen_split_count=1".strip()
 # workers and commands under test share what one has compiled; jaxlib 0.12 once crashed while it wrote to the cache
-if tried and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+if known_jaxlib and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = compiled = tempfile.mkdtemp(prefix="wallid-tests-")
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
     atexit.register(shutil.rmtree, compiled, ignore_errors=True)

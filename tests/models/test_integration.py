@@ -121,11 +121,11 @@ def test_numpys_arrays_are_copied_to_the_device_and_nothing_is_compiled(caplog):
     assert "Compiling" not in caplog.text
 
 
+@pytest.mark.skipif(jax.__version_info__ < (0, 10), reason="JAX gives an array the first float64 that it saw")
 def test_a_float64_that_came_through_pickle_is_one():
     """Its dtype is another object than NumPy's own; converting it anew took longer than a reduced model's run."""
     given = jnp.asarray(pickle.loads(pickle.dumps(np.ones((3, 101, 7)))))
-    if given.dtype is np.dtype(float):
-        pytest.skip("this NumPy unpickles its own float64")
+    assert given.dtype is not np.dtype(float)
     assert _as_array(given) is given
 
 
@@ -245,17 +245,21 @@ def test_what_xla_is_asked_holds():
     assert not jax.config.read("jax_cpu_enable_async_dispatch")
 
 
-@pytest.mark.parametrize(("jaxlib", "count"), [("0.6.2", 2), ("0.10.2", 2), ("0.12.0.1", 1), ("1.0.0", 1)])
-def test_a_flag_that_xla_does_not_know_is_not_set(jaxlib, count):
-    assert len(known_flags(jaxlib)) == count
+@pytest.mark.parametrize(
+    ("jaxlib", "known"), [("0.6.2", True), ("0.10.2", True), ("0.11.2", False), ("0.12.0.1", False), ("1.0.0", False)]
+)
+def test_a_flag_that_xla_does_not_know_is_not_set(jaxlib, known):
+    flags = " ".join(known_flags(jaxlib))
+    assert ("xla_cpu_use_fusion_emitters" in flags) == known
+    assert "xla_cpu_small_while_loop_byte_threshold" in flags
 
 
 def test_what_comes_too_late_for_xla_is_not_asked(monkeypatch):
     jnp.zeros(1).block_until_ready()
-    monkeypatch.setenv("XLA_FLAGS", "")
+    monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=true")
     with pytest.warns(UserWarning, match="prepare_xla: no effect, JAX has already started"):
         wallid.models.prepare_xla()
-    assert os.environ["XLA_FLAGS"] == ""
+    assert os.environ["XLA_FLAGS"] == "--xla_cpu_use_fusion_emitters=true"
 
 
 def test_uneven_rows_are_exact_too():

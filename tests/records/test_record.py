@@ -113,12 +113,15 @@ def test_a_valid_record_is_read_back_equal(tmp_path_factory, step, zone, start, 
         for stamp, (left, right), cell in zip(stamps, faces, inner, strict=True):
             shown = np.datetime_as_string(stamp, unit="s")
             file.write(f"{shown}{zone},{left!r},{right!r},{'' if cell is None else repr(cell)}\n")
-    as_read = FileFormat(clean=False)  # one reading far from all others would be screened as a spike
-    record = read_record(path, time="time", left="T_left", right="T_right", sensors=["T1"], file_format=as_read)
+    columns = {"time": "time", "left": "T_left", "right": "T_right", "sensors": ["T1"]}
+    record = read_record(path, **columns)
+    if not record.cleaning.unchanged:  # a value far from all others is screened as a spike
+        record = read_record(path, **columns, file_format=FileFormat(clean=False))
     np.testing.assert_array_equal(record.stamps, stamps)
-    # pandas 2 rounds the last digit of some numbers otherwise
-    np.testing.assert_allclose(record.faces, faces, rtol=1e-15)
-    np.testing.assert_allclose(record.sensors[:, 0], np.array(inner, float), rtol=1e-15)
+    # pandas 2 reads the last digit of some numbers wrong, and of numbers below 1e-307 more than one
+    rounding = {"rtol": 1e-15, "atol": 1e-307} if pd.__version__.startswith("2.") else {"rtol": 0.0, "atol": 0.0}
+    np.testing.assert_allclose(record.faces, faces, **rounding)
+    np.testing.assert_allclose(record.sensors[:, 0], np.array(inner, float), **rounding)
     np.testing.assert_array_equal(record.time, np.arange(rows) * step)
     assert record.zone == ({"": None, "+0530": "+05:30", "+02": "+02:00"}.get(zone, zone))
     assert record.stamp(0) == np.datetime_as_string(stamps[0], unit="s") + (record.zone or "")

@@ -1,4 +1,4 @@
-"""The fits of one diagnosis: of the plain model, with candidates added, without an effect; each computed once."""
+"""The fits of one diagnosis: of the plain model, with candidates added, and without one of its effects."""
 
 from __future__ import annotations
 
