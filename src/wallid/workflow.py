@@ -9,11 +9,14 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal
 
+import numpy as np
+
 from ._internal.errors import InputError
 from .case.case_definition import Case
 from .case.record_check import RecordCheck, check
-from .case.time_window import Window, entire_record
+from .case.time_window import Window, diagnosis_window, entire_record
 from .discrepancy.diagnosis_result import Diagnosis
+from .discrepancy.screening import Screening, screen
 from .discrepancy.search_for_effects import diagnose
 from .estimation.diffusivity import check_draws, estimate, seconds_of_estimate
 from .estimation.many_windows import CampaignEstimate, campaign
@@ -34,10 +37,11 @@ from .reduction.training_signals import learn, training_signals
 Progress = Callable[[str, float], None]
 """Called at the beginning of each step with its text and the completed share of the work, 0 to 1."""
 
-STAGES = ("design", "learn", "orders", "estimate", "reliability", "lengths")
+STAGES = ("design", "learn", "orders", "estimate", "reliability", "screening", "lengths")
 """The default stages of a run. `orders`: error of the reduced-order model against its order. `reliability`: prediction
-over the entire record. Further stages: `check` (the record), `places` (further sensors), `campaign` (the estimate from
-all windows) and `diagnose` (many times slower than all default stages together)."""
+over the entire record. `screening`: test whether an effect is missing from the model. Further stages: `check` (the
+record), `places` (further sensors), `campaign` (the estimate from all windows) and `diagnose` (many times slower than
+all default stages together; it does the screening too)."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,7 @@ class Run:
     fit: Estimate | None = None
     prediction: Prediction | None = None
     campaign: CampaignEstimate | None = None
+    screening: Screening | None = None
     diagnosis: Diagnosis | None = None
     check: RecordCheck | None = None
     seconds: dict[str, float] = field(default_factory=dict)
@@ -97,17 +102,16 @@ class Run:
         """Why the result is unreliable; empty if it is reliable, or if the stages give no result."""
         if self.diagnosis is not None:  # its diffusivity is the final answer
             return self.diagnosis.sentence if self.diagnosis.verdict == "uninformative" else ""
-        if self.fit is not None:
-            return self.fit.reason
-        if self.campaign is not None:
-            return self.campaign.reason
+        estimate = self.fit or self.campaign
+        if estimate is not None:
+            return estimate.reason or ("" if self.screening is None else self.screening.missing)
         if self.check is not None:
             return "; ".join(self.check.stops)
         return str(self.design) if self.design is not None and not self.design.informative else ""
 
     def __str__(self) -> str:
         parts = [self.case, self.design, self.lengths, self.sensor_placement, self.sampling, self.learned, self.fit]
-        parts += [self.campaign, self.prediction, self.diagnosis]
+        parts += [self.campaign, self.screening, self.prediction, self.diagnosis]
         texts = [str(part) for part in (*parts, self.check) if part is not None]
         record = self.case.record
         if len(record.unbroken_parts) > 1 and (self.prediction or self.diagnosis):
@@ -161,14 +165,27 @@ def run(
             result.campaign = campaign(
                 case, progress=lambda k, of: begin.within(f"estimate: window {k + 1} of {of}", k / of)
             )
-    if set(stages) - {"diagnose", "check", "campaign"}:
+    if set(stages) - {"diagnose", "check", "campaign", "screening"}:
         _run_window_stages(result, stages, window, orders, weights, integrator, draws, begin, design_options)
+    if "screening" in stages and "diagnose" not in stages and _can_be_screened(result):
+        begin("screening", "test: is an effect missing from the model?")
+        with result.timed("screening"):
+            result.screening = screen(case)
     if "diagnose" in stages:
         begin("diagnose", "diagnose: effects missing from the model")
         with result.timed("diagnose"):
             result.diagnosis = diagnose(case, progress=begin.within)
     progress("done", 1.0)
     return result
+
+
+def _can_be_screened(result: Run) -> bool:
+    """Whether there is an estimate of the plain model, which alone is tested, and a temperature to test it with."""
+    if result.fit is None and result.campaign is None:
+        return False
+    case = result.case
+    window = diagnosis_window(case)
+    return not case.choices.free and bool(np.isfinite(case.record.sensors[window.as_slice]).any())
 
 
 class _StageProgress:
@@ -185,6 +202,7 @@ class _StageProgress:
             "estimate": 3.0,
             "reliability": 4.0,
             "campaign": 10.0,
+            "screening": 8.0,
             "diagnose": 60.0,
         }
         self.work = {stage: work[stage] for stage in stages}

@@ -65,6 +65,11 @@ def test_nothing_is_missing_from_a_wall_from_which_nothing_is(explained, noise):
     assert found.gap.after == pytest.approx(found.gap.noise_floor, rel=0.15)
     assert replace(found, gap=replace(found.gap, held_out_after=3 * found.gap.noise_floor)).verdict == "unnamed"
     assert all(np.isfinite(size) and size > 0 for size in found.smallest_detectable().values())
+    vague = replace(found.problem.case, choices=replace(found.problem.case.choices, largest_interval_factor=1.0001))
+    unclear = replace(found, problem=replace(found.problem, case=vague), p_value_of_one_more=1e-9)
+    assert unclear.verdict == "uninformative" and "Something is missing" in unclear.sentence
+    huge = replace(found, gap=replace(found.gap, held_out_after=1e4 * found.gap.noise_floor))
+    assert huge.verdict == "uninformative" and all(1e-9 <= end <= 2e-4 for end in huge.interval_95)
     slot = next(slot for slot in found.problem.library if slot.effect.name == "solar_gain")
     small = refit(found.problem, (slot,), found.before.parameters, found.before.noise)
     far = {"log_diffusivity": small.parameters["log_diffusivity"] + 0.2, slot.names[0]: 1.0}

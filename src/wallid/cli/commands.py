@@ -262,11 +262,10 @@ def estimate(
             exit_with_error(
                 InputError(f"--all-windows uses the full-order model in every window; leave {stated[0]} out")
             )
-        run_command(case, None, ("campaign",), out, json, quiet, formats)
+        run_command(case, None, ("campaign", "screening"), out, json, quiet, formats)
         return
-    run_command(
-        case, model, ("design", "learn", "estimate"), out, json, quiet, formats, from_row=from_row, free=free, **options
-    )
+    stages = ("design", "learn", "estimate", "screening")
+    run_command(case, model, stages, out, json, quiet, formats, from_row=from_row, free=free, **options)
 
 
 @app.command()

@@ -14,6 +14,7 @@ from jaxtyping import Array
 from ..inference.likelihood import LOG_DIFFUSIVITY
 from ..inference.noise_covariance import NoiseCovariance
 from ..inference.parameters import Parameters
+from ..inference.physical_bounds import clip_to_physical, limited_log_std
 from ..inference.whittle_likelihood import projected_sensitivity
 from .model_with_effects import linearise
 from .problem import DiagnosisProblem, EffectParameters
@@ -72,13 +73,13 @@ class EffectFit:
     @property
     def log_std(self) -> float:
         """Standard deviation of ln(alpha), with the uncertainty of the noise's shape where that is known."""
-        return self.std(LOG_DIFFUSIVITY) * float(np.sqrt(self.noise.variance_inflation))
+        return limited_log_std(self.std(LOG_DIFFUSIVITY) * float(np.sqrt(self.noise.variance_inflation)))
 
     @property
     def interval_95(self) -> tuple[float, float]:
-        """95 % interval of the diffusivity, m2/s, symmetric in ln(alpha)."""
-        width = np.exp(min(self.noise.quantile * self.std(LOG_DIFFUSIVITY), 50.0))
-        return self.diffusivity / width, self.diffusivity * width
+        """95 % interval of the diffusivity, m2/s, symmetric in ln(alpha) within the physical bounds."""
+        width = float(np.exp(min(self.noise.quantile * self.std(LOG_DIFFUSIVITY), 50.0)))
+        return clip_to_physical(self.diffusivity / width, self.diffusivity * width, "m2/s")
 
     @property
     def events(self) -> list[tuple[float, float]]:

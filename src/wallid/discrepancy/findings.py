@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..inference.physical_bounds import clip_to_physical
 from .acceptance import FIRST_EFFECT_LEVEL, RESIDUAL_TEST_LEVEL, reason_for_refusal
 from .cross_validation import Gap
 from .effect_fit import EffectFit
@@ -18,6 +19,7 @@ from .score_test import CandidateScores
 _SIMILAR_COSINE = 0.95  # from this cosine of two derivatives on, two effects count as similar
 _HELD_OUT_VARIANCE_RATIO = 2.0  # largest mean square on the days held out over the noise variance
 _CLEAR_GAIN_RATIO = 3.0  # gain over the chance gain from which a rejected trial makes the diagnosis incomplete
+_AT_BOUND = 1.001  # ratio of a diffusivity to a bound of the search, up to which it is at the bound
 _DETECTABLE_GAIN = 9.0  # drop of -2 log L of an effect of three standard deviations
 
 
@@ -61,14 +63,24 @@ class Findings:
     @property
     def verdict(self) -> str:
         """`adequate`, `named`, `confusable`, `unnamed` or `uninformative`."""
+        if self.uninformative:
+            return "uninformative"
         if self.incomplete:
             return "unnamed"
-        low, high = self.interval_95
-        if high / low > self.problem.case.choices.largest_interval_factor:
-            return "uninformative"
         if not self.effects:
             return "adequate"
         return "confusable" if any(named.alternatives for named in self.effects) else "named"
+
+    @cached_property
+    def uninformative(self) -> str:
+        """Why the record does not determine the diffusivity, whatever is missing; empty where it does."""
+        (low, high), largest = self.interval_95, self.problem.case.choices.largest_interval_factor
+        lowest, highest = self.problem.diffusivity_bounds
+        if not lowest * _AT_BOUND < self.final.diffusivity < highest / _AT_BOUND:
+            return f"the estimate is at a bound of what this record can distinguish, {self.final.diffusivity:.2g} m2/s"
+        if high / low > largest:
+            return f"its 95 % interval, {low:.2g} to {high:.2g} m2/s, has a ratio of {high / low:.3g}, over {largest:g}"
+        return ""
 
     @cached_property
     def incomplete(self) -> str:
@@ -152,7 +164,7 @@ class Findings:
             centre = self.final.diffusivity
             low, high = centre * (low / centre) ** factor, centre * (high / centre) ** factor
             low, high = min(low, self.plain.diffusivity), max(high, self.plain.diffusivity)
-        return float(low), float(high)
+        return clip_to_physical(float(low), float(high), "m2/s")
 
     @property
     def _alternatives(self) -> list[EffectParameters]:

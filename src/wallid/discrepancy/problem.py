@@ -93,6 +93,13 @@ class DiagnosisProblem:
     search_range: SearchRange
 
     @property
+    def diffusivity_bounds(self) -> tuple[float, float]:
+        """The range of diffusivities that the record can distinguish, the bounds of every fit, m2/s."""
+        index, prior = self.parameters.index(LOG_DIFFUSIVITY), self.case.wall.diffusivity_prior
+        low, high = (float(np.exp(bound[index])) for bound in (self.parameters.lower, self.parameters.upper))
+        return prior * low, prior * high
+
+    @property
     def sensor_count(self) -> int:
         """Number of inner sensors."""
         return len(self.case.sensors)

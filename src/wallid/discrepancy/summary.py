@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..estimation.materials import implausible
 from .effect_results import NamedEffect
 from .effects.catalogue import untestable
 from .findings import Findings
@@ -46,7 +47,10 @@ def verdict_sentence(findings: Findings) -> str:
     verdict = findings.verdict
     low, high = findings.interval_95
     if verdict == "uninformative":
-        return f"This record does not determine the diffusivity: its 95 % interval is {low:.2g} to {high:.2g} m2/s."
+        missing = f" Something is missing from the model too: {findings.incomplete}." if findings.incomplete else ""
+        slip = implausible(final.diffusivity, problem.case.wall.diffusivity_prior)
+        slip = f" {slip[:1].upper()}{slip[1:]}." if slip else ""
+        return f"This record does not determine the diffusivity: {findings.uninformative}.{missing}{slip}"
     if verdict == "adequate":
         return (
             f"This record shows no missing effect: the diffusivity is {final.diffusivity:.4g} m2/s and the rms "

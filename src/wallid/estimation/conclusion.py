@@ -16,10 +16,10 @@ from ..inference.gauss_newton import Trace
 from ..inference.generalised_least_squares import fit_generalised_least_squares
 from ..inference.gls_fit import GLSFit
 from ..inference.identifiability import identifiability
-from ..inference.likelihood import HIGHEST, LOWEST
 from ..inference.nuisance_parameters import NUISANCE_KINDS, NuisanceKind, WallParameters
 from ..inference.parameters import kind_of, target_of
 from ..inference.parametric_bootstrap import bootstrap
+from ..inference.physical_bounds import HIGHEST, LOWEST, clip_to_physical, limited_log_std
 from ..inference.quantity import NORMAL_95, Quantity, lognormal
 from ..inference.validity import why_contradicted, why_not_constant, why_too_coarse, why_unreliable, why_weak_signal
 from ..inference.weighted_least_squares import WeightedFit, covariance, model_difference, paper_sigma_of_readings
@@ -170,10 +170,12 @@ def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[
     reason = reason or why_contradicted(case, best_fit) or why_not_constant(best_fit)
     covariance = best_fit.covariance.copy()
     covariance[0, 0] += shift**2
+    # the reasons above are about the ends as computed
+    interval_95 = clip_to_physical(ends[0], ends[1], "m2/s")
     return initial.to_estimate(
         value=value,
-        std=value * float(np.hypot(std_log, shift)),
-        interval_95=(ends[0], ends[1]),
+        std=value * limited_log_std(float(np.hypot(std_log, shift))),
+        interval_95=interval_95,
         interval_kind=kind,
         **instrument_errors,
         parameters=parameters,
@@ -260,8 +262,8 @@ def initial_estimate(initial: InitialFit) -> Estimate:
     reason = reason or why_too_coarse(shift, noise_std_log)
     return initial.to_estimate(
         value=value,
-        std=value * std_log,
-        interval_95=interval,
+        std=value * limited_log_std(std_log),
+        interval_95=clip_to_physical(*interval, "m2/s"),
         offsets={
             name: (float(std * beta), float(std * np.sqrt(variance)))
             for name, std, beta, variance in zip(names, offset_std, beta, np.diag(spread)[1:], strict=True)

@@ -20,6 +20,7 @@ from .._internal.html import html_table, interval_row
 from ..case.case_definition import Case
 from ..case.time_window import Window, window_rows
 from ..inference.gls_fit import GLSFit
+from ..inference.physical_bounds import clip_to_physical
 from ..inference.quantity import Quantity
 from ..models.flux_plates import fluxes_of, full_order_model_with_plates
 from ..models.state_space import StateSpace
@@ -200,7 +201,7 @@ def _pool(case: Case, windows: Sequence[Window], results: Sequence[tuple[Estimat
         values = np.log([fit.value for fit, _ in informative])
         mean = pooled_mean(values, covariance, max(gls.quantile for _, gls in informative))
         half = min(mean.quantile * mean.std, 300.0)
-        interval = (math.exp(mean.value - half), math.exp(mean.value + half))
+        interval = clip_to_physical(math.exp(mean.value - half), math.exp(mean.value + half), "m2/s")
         factor, largest = interval[1] / interval[0], case.choices.largest_interval_factor
         reason = ""
         if factor > largest:

@@ -12,12 +12,15 @@ import scipy
 from .._internal.errors import InputError
 from ..case.case_definition import Case
 from ..case.time_window import HasBestWindow, Window, as_window, check_unbroken, entire_record
+from ..inference.physical_bounds import HIGHEST, LOWEST
 from ..inference.quantity import NORMAL_95
 from ..models.flux_plates import uninformative_rows
 from ..records.table_columns import MIN_ROWS
 from .fisher_information import information_matrix, relative_std
 from .information_contributions import WindowContributions, rows_per_bin, whitened
 from .predicted_response import ResponseModel
+
+_LARGEST_LOG_RATIO = math.log(HIGHEST / LOWEST)  # no interval of a diffusivity is wider
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +48,7 @@ class SamplingComparison:
     @property
     def interval_ratio(self) -> np.ndarray:
         """Upper end of the expected 95 % interval divided by its lower end."""
-        return np.exp(np.minimum(2 * NORMAL_95 * self.std, 700.0))
+        return np.exp(np.minimum(2 * NORMAL_95 * self.std, _LARGEST_LOG_RATIO))
 
     def __str__(self) -> str:
         if not np.isfinite(self.std).any():
@@ -55,7 +58,7 @@ class SamplingComparison:
         ]
         for step, rows, std, bias in zip(self.steps, self.rows, self.std, self.interpolation_bias, strict=True):
             mark = "  <- the record's" if abs(step - self.record_step) < 1e-6 * step else ""
-            half = math.expm1(min(NORMAL_95 * std, 700.0))
+            half = math.expm1(min(NORMAL_95 * std, _LARGEST_LOG_RATIO))
             lines.append(
                 f"  every {step:7.6g} s ({rows:6d} rows)   95 % interval: up to {half:+8.1%}   "
                 f"bias by interpolated faces: {bias:+.1%}{mark}"

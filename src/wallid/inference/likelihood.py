@@ -26,9 +26,6 @@ from .gauss_newton import Trace, search
 from .noise_covariance import BinnedReadings
 from .parameters import Parameters, kind_of
 
-LOWEST, HIGHEST = 1e-10, 1e-2
-"""Bounds of any search, m2/s, beyond any solid. An estimate at a bound is no result."""
-
 LOG_DIFFUSIVITY, LOG_CONDUCTIVITY = "log_diffusivity", "log_conductivity"
 PROFILE_MODE, PLATE_GAIN = "profile_mode", "plate_gain"
 """The parameters and kinds that are part of the model itself; all others act linearly (`NuisanceModel.columns`)."""

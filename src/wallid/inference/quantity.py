@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from .physical_bounds import clip_to_physical
+
 NORMAL_95 = 1.959963984540054
 """The normal distribution's 97.5 % quantile: half the width of a 95 % interval, in standard deviations."""
 
@@ -35,7 +37,7 @@ class Quantity:
 
 
 def lognormal(value: float, variance: float, quantile: float, unit: str) -> Quantity:
-    """A quantity whose logarithm is normally distributed.
+    """A quantity whose logarithm is normally distributed; its interval ends at the physical bounds of its unit.
 
     Args:
         value: in `unit`.
@@ -44,4 +46,4 @@ def lognormal(value: float, variance: float, quantile: float, unit: str) -> Quan
     """
     std = math.sqrt(max(variance, 0.0))
     factor = math.exp(min(quantile * std, 300.0))
-    return Quantity(value, value * std, (value / factor, value * factor), unit)
+    return Quantity(value, value * std, clip_to_physical(value / factor, value * factor, unit), unit)

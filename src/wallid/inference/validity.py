@@ -10,10 +10,12 @@ import scipy
 from ..case.case_definition import Case
 from ..case.time_window import Window
 from .gls_fit import GLSFit
-from .likelihood import HIGHEST, LOG_CONDUCTIVITY, LOWEST
+from .likelihood import LOG_CONDUCTIVITY
 from .nuisance_parameters import describe_instrument_error
+from .physical_bounds import HIGHEST, LOWEST
 
 _MIN_SHARE, _MAX_SHARE = 0.01, 0.5  # bounds of the smallest detectable share of a step at a face
+_MIN_RANGE = 100.0  # ratio of the bounds of a search, where a wall is too thick or too thin for its record
 _MAX_PRIOR_RESIDUAL = 4.0  # prior standard deviations: an instrument error is hardly ever larger
 _CONSTANCY_LEVEL = 0.01  # significance level of the test of a constant diffusivity
 
@@ -42,7 +44,8 @@ def distinguishable_range(case: Case, window: Window) -> tuple[float, float]:
             for depth, change in zip((sensor.position, length - sensor.position), ranges, strict=True)
         )
     highest = length**2 / (8.0 * _MIN_SHARE * case.record.step)
-    return max(LOWEST, lowest), min(HIGHEST, highest)
+    lowest = min(max(LOWEST, lowest), HIGHEST / _MIN_RANGE)
+    return lowest, max(min(HIGHEST, highest), lowest * _MIN_RANGE)
 
 
 def _lowest_detectable(depth: float, seconds: float, share: float) -> float:

@@ -29,7 +29,7 @@ from ..models.sensitivity_equations import field_with_theta, simulate_window
 from ..models.state_space import StateSpace
 from ..models.window_inputs import WindowData, full_order_model
 from .gauss_newton import Trace, search
-from .likelihood import HIGHEST, LOWEST
+from .physical_bounds import HIGHEST, LOWEST
 
 _RANK_TOLERANCE = 1e-9  # of a singular value over the largest: a smaller one is no information
 

@@ -55,6 +55,8 @@ def result_entries(run: Run) -> dict[str, Any]:
         entries["orders"] = [_errors(learned) for learned in run.orders]
     if run.prediction is not None:
         entries["reliability"] = _reliability(run)
+    if run.screening is not None:
+        entries["screening"] = run.screening.to_dict()
     if run.diagnosis is not None:
         entries |= run.diagnosis.to_dict() | evidence_entries(run.diagnosis)
     entries["record"] = describe_record(run.case.record)
