@@ -110,7 +110,10 @@ class Run:
         return str(self.design) if self.design is not None and not self.design.informative else ""
 
     def __str__(self) -> str:
-        parts = [self.case, self.design, self.lengths, self.sensor_placement, self.sampling, self.learned, self.fit]
+        parts: list[Any] = [self.case]
+        if self.unreliable_reason and self.diagnosis is None and (self.fit or self.campaign) is not None:
+            parts.append(f"verdict      NOT TO BE RELIED ON: {self.unreliable_reason}")
+        parts += [self.design, self.lengths, self.sensor_placement, self.sampling, self.learned, self.fit]
         parts += [self.campaign, self.screening, self.prediction, self.diagnosis]
         texts = [str(part) for part in (*parts, self.check) if part is not None]
         record = self.case.record

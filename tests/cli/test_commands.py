@@ -49,9 +49,14 @@ def test_a_window_by_hand(command):
 
 def test_the_summary_is_for_people(command):
     ended = command("estimate", "saint_julien")
-    assert ended.exit_code == 0
+    assert ended.exit_code == 1  # a sun is hidden in it
     assert "diffusivity" in ended.stdout and "m2/s" in ended.stdout and "T3" in ended.stdout
-    assert "next         wallid diagnose saint_julien" in ended.stdout
+    verdict = next(line for line in ended.stdout.splitlines() if line.startswith("verdict"))
+    assert "NOT TO BE RELIED ON" in verdict and "solar gain of the right face" in verdict
+    assert "next         wallid diagnose saint_julien: name" in ended.stdout
+    sound = command("estimate", "validation")
+    assert sound.exit_code == 0 and "verdict" not in sound.stdout
+    assert "next         wallid diagnose validation: search" in sound.stdout
     assert command("estimate", "saint_julien", "--quiet").stdout == ""
 
 
@@ -144,9 +149,10 @@ def test_lom_and_mim_agree_and_what_one_left_is_not_taken_for_the_others(command
     values = []
     for model in ("mim", "lom"):
         ended = command("estimate", "saint_julien", "--model", model, "--json")
-        assert ended.exit_code == 0
+        assert ended.exit_code == 1
         result = json.loads(ended.stdout)
-        assert result["verdict"] is None
+        assert result["verdict"] == "uninformative" and result["screening"]["missing"]
+        assert result["screening"]["candidate"] == "solar gain of the right face"
         values.append(result["diffusivity"]["value"])
         names = {file.name for file in (tmp_path / "out").iterdir()}
         assert ("model.npz" in names) == (model == "mim") and "result.json" in names

@@ -60,6 +60,8 @@ def names(found):
 def test_nothing_is_missing_from_a_wall_from_which_nothing_is(explained, noise):
     found, truth = explained(noise=noise)
     assert found.verdict == "adequate", str(found)
+    assert "It would have shown" in found.sentence and "a sensor misplaced by" in found.sentence
+    assert "what is smaller may be there" in found.sentence and "could have shown little" not in found.sentence
     assert abs(np.log(found.after.diffusivity / truth)) < 4 * found.after.log_std
     assert found.to_dict()["effects"] == []
     assert found.gap.after == pytest.approx(found.gap.noise_floor, rel=0.15)

@@ -177,7 +177,9 @@ def test_sensors_too_coarse_for_what_moves_say_nothing(moves, stated, says):
     readings = interval.truth(moves * fine, places) + (error if stated == 0.1 else 0.0) + noise
     case = interval.case_of(interval.Errors(0.002, 0.002, offset=stated), moves * faces[-interval.ROWS :], readings)
     fit = estimated(case)
-    assert fit.reliable is says and ("less than its stated offset_std" in fit.reason) is not says
+    assert ("less than its stated offset_std" in fit.reason) is not says
+    erring = says and stated == 0.1  # the sensors' errors of up to 0.1 K are no noise of 0.002 K
+    assert ("times the stated noise" in fit.reason) is erring and fit.reliable is (says and not erring)
     assert fit.value == pytest.approx(interval.DIFFUSIVITY * (1 if says else 2), rel=0.05)
 
 
@@ -328,3 +330,25 @@ def test_the_bootstrap_on_the_command_line(tmp_path):
     assert CliRunner().invoke(app, [*words, "--bootstrap", "3"]).exit_code == 2
     refused = CliRunner().invoke(app, [*words, "--bootstrap", "40", "--weights", "none"])
     assert refused.exit_code == 2 and "--weights" in refused.stderr
+
+
+@pytest.mark.parametrize(
+    ("size", "memory", "reliable", "word"),
+    [
+        (1.0, 0.0, True, ""),
+        (1.0, 0.9, True, ""),
+        (0.3, 0.0, True, "noise_std = 0.01"),
+        (2.2, 0.0, True, "noise_std = 0.1"),
+        (2.5, 0.95, False, "times the stated noise"),
+        (6.0, 0.0, False, "times the stated noise"),
+    ],
+)
+def test_the_noise_found_is_held_against_the_noise_stated(size, memory, reliable, word):
+    """Far larger or remembered: an effect is missing; somewhat larger or smaller: which value to state."""
+    drawn = interval.Errors(0.05 * size, 0.002, memory=memory)
+    _, measured, readings = interval.draw(drawn, 11)
+    fit = estimated(interval.case_of(interval.Errors(0.05, 0.002), measured, readings))
+    assert fit.reliable is reliable, fit.reason
+    assert word in (fit.reason if not reliable else " ".join(fit.advice))
+    assert bool(fit.advice) is (reliable and bool(word))
+    assert fit.noise_ratio == pytest.approx(size, rel=0.5)

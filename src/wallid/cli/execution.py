@@ -84,9 +84,11 @@ def _print_summary(result: workflow.Run, name: str, written: list[Path]) -> None
     print(f"\nwrote        {', '.join(path.name for path in written)} to {written[0].parent}")
     if previous := [path.name for path in written if path.name.startswith("report-")]:
         print(f"kept         the report of an earlier command in this folder, as {previous[0]}")
-    estimated = result.fit is not None and result.diagnosis is None
-    if estimated and result.case.sensors and not result.unreliable_reason:
-        print(f"next         wallid diagnose {shlex.quote(name)}: is an effect missing from the model?")
+    missing = result.screening is not None and bool(result.screening.missing)
+    if missing or "wallid diagnose" in result.unreliable_reason:
+        print(f"next         wallid diagnose {shlex.quote(name)}: name the missing effect, and correct the diffusivity")
+    elif result.fit is not None and result.diagnosis is None and result.case.sensors and not result.unreliable_reason:
+        print(f"next         wallid diagnose {shlex.quote(name)}: search for effects that are missing from the model")
 
 
 def exit_with_error(error: InputError) -> NoReturn:

@@ -8,9 +8,16 @@ from ..estimation.materials import implausible
 from .effect_results import NamedEffect
 from .effects.catalogue import untestable
 from .findings import Findings
-from .problem import DiagnosisProblem
+from .problem import DiagnosisProblem, EffectParameters
 
 _TABLE_ROWS = 8
+_WIDE_INTERVAL = 1.5  # upper over lower end, from which an interval says little
+_COMMON_EFFECTS = (  # name, factor to the unit of the text, text
+    ("solar_gain", 1.0, "a solar gain of {:g} K m2/W"),
+    ("sensor_position", 1e3, "a sensor misplaced by {:g} mm"),
+    ("sensor_gain", 100.0, "a sensor's gain wrong by {:g} %"),
+    ("layered_conductivity", 100.0, "layers whose conductivities differ by {:g} %"),
+)
 _SEPARATING_MEASUREMENTS = (
     (
         {"clock_shift", "sensor_lag", "face_lag"},
@@ -52,10 +59,11 @@ def verdict_sentence(findings: Findings) -> str:
         slip = f" {slip[:1].upper()}{slip[1:]}." if slip else ""
         return f"This record does not determine the diffusivity: {findings.uninformative}.{missing}{slip}"
     if verdict == "adequate":
-        return (
+        text = (
             f"This record shows no missing effect: the diffusivity is {final.diffusivity:.4g} m2/s and the rms "
-            f"residual {gap.after:.3g} K, where noise alone gives {gap.noise_floor:.3g} K.{_rejected(findings)}"
+            f"residual {gap.after:.3g} K, where noise alone gives {gap.noise_floor:.3g} K."
         )
+        return text + _would_have_been_seen(findings) + _rejected(findings)
     if verdict == "unnamed":
         by_sensor = findings.residual_tests_after.by_sensor
         return (
@@ -77,6 +85,24 @@ def verdict_sentence(findings: Findings) -> str:
     if verdict == "confusable":
         text += " " + " ".join(_ambiguity(effect, problem) for effect in findings.effects if effect.alternatives)
     return text
+
+
+def _would_have_been_seen(findings: Findings) -> str:
+    """From which size on some common effects would have been seen, and whether the interval is too wide to say much."""
+    (low, high), sizes, seen = findings.interval_95, findings.smallest_detectable(), []
+    for name, factor, text in _COMMON_EFFECTS:
+        own = [sizes[label] for label, one in _by_label(findings).items() if one.effect.name == name and label in sizes]
+        if own:
+            seen.append(text.format(float(f"{max(own) * factor:.2g}")))
+    text = f" It would have shown {', '.join(seen)}; what is smaller may be there." if seen else ""
+    if high / low > _WIDE_INTERVAL:
+        text += f" The interval is wide, {low:.2g} to {high:.2g} m2/s: this record could have shown little."
+    return text
+
+
+def _by_label(findings: Findings) -> dict[str, EffectParameters]:
+    """The effects of the library by their labels."""
+    return {findings.problem.label(one.effect): one for one in findings.problem.library}
 
 
 def _rejected(findings: Findings) -> str:

@@ -21,13 +21,23 @@ from ..inference.parameters import kind_of, target_of
 from ..inference.parametric_bootstrap import bootstrap
 from ..inference.physical_bounds import HIGHEST, LOWEST, clip_to_physical, limited_log_std
 from ..inference.quantity import NORMAL_95, Quantity, lognormal
-from ..inference.validity import why_contradicted, why_not_constant, why_too_coarse, why_unreliable, why_weak_signal
+from ..inference.validity import (
+    noise_advice,
+    noise_ratio,
+    why_contradicted,
+    why_noisier,
+    why_not_constant,
+    why_too_coarse,
+    why_unreliable,
+    why_weak_signal,
+)
 from ..inference.weighted_least_squares import WeightedFit, covariance, model_difference, paper_sigma_of_readings
 from ..models.flux_plates import plate_outputs
 from ..models.integration import Integrator
 from ..models.state_space import StateSpace
 from ..models.wall_parameters import film_lengths_at, layer_ratios, prior_std_of
 from ..models.window_inputs import WindowData, full_order_model
+from .materials import implausible
 from .result_objects import Estimate
 
 _FAR_FROM_PRIOR = 3.0  # a start that is further from the prior by this factor: the prior is tried as a start as well
@@ -167,7 +177,7 @@ def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[
     bounds = float(best_fit.problem.lowest), float(best_fit.problem.highest)
     reason = why_unreliable(case, value, (ends[0], ends[1]), singular, bool(best.converged), bounds)
     reason = reason or why_too_coarse(shift, std_log) or why_weak_signal(case, best_fit)
-    reason = reason or why_contradicted(case, best_fit) or why_not_constant(best_fit)
+    reason = reason or why_contradicted(case, best_fit) or why_not_constant(best_fit) or why_noisier(best_fit)
     covariance = best_fit.covariance.copy()
     covariance[0, 0] += shift**2
     # the reasons above are about the ends as computed
@@ -186,6 +196,8 @@ def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[
         history=initial.history((best.trace,)),
         reduced_chi_square=best_fit.reduced_chi_square,
         noise_description=_noise_description(best_fit),
+        noise_ratio=noise_ratio(best_fit),
+        advice=tuple(text for text in (noise_advice(case, best_fit), _doubt(case, value)) if text),
         variance_shares=best_fit.variance_shares() if not reason else {},
         predicted=np.asarray(best.predicted),
         residual=np.where(initial.present, np.asarray(initial.data.observed) - np.asarray(best.predicted), np.nan),
@@ -196,6 +208,11 @@ def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[
         wall_parameters=_wall_parameters(case, best_fit),
         bootstrap=bootstrap(best_fit, draws, case.choices.seed) if draws and not reason else None,
     )
+
+
+def _doubt(case: Case, value: float) -> str:
+    """Why the value is not that of a wall; empty for a case of fluxes only, whose stated length may be a guess."""
+    return implausible(value, case.wall.diffusivity_prior) if case.sensors else ""
 
 
 def _wall_parameters(case: Case, fit: GLSFit) -> dict[str, Quantity]:
@@ -275,6 +292,7 @@ def initial_estimate(initial: InitialFit) -> Estimate:
         reduced_chi_square=chi_square,
         predicted=np.asarray(fit.predicted),
         residual=np.where(present, residual, np.nan),
+        advice=tuple(text for text in (_doubt(case, value),) if text),
         covariance=spread,
         singular_values=singular,
         model_shift=shift,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -52,6 +53,9 @@ class Estimate:
         interval_kind: "normal" (symmetric in ln(alpha)), or "profile likelihood" where the cost is not quadratic.
         rounds: rounds of GLS, each with the noise covariance estimated from the last residual.
         noise_description: the noise that the interval is based on, as text.
+        noise_ratio: standard deviation of the noise found in the residual over the stated one; NaN where the noise was
+            not estimated.
+        advice: what to check or to state otherwise in the case, although the estimate is reliable.
         variance_shares: share of each source of error in the variance, dimensionless.
         bootstrap: parametric bootstrap of `std` and interval; None if not requested.
         thermal: the thermal properties from heat fluxes; None without fluxes. With fluxes the paper's iteration is
@@ -87,6 +91,8 @@ class Estimate:
     interval_kind: Literal["normal", "profile likelihood"] = "normal"
     rounds: int = 0
     noise_description: str = "the paper's simple sigma"
+    noise_ratio: float = math.nan
+    advice: tuple[str, ...] = ()
     variance_shares: dict[str, float] = field(default_factory=dict)
     bootstrap: Bootstrap | None = None
     thermal: ThermalProperties | None = None
@@ -128,6 +134,7 @@ class Estimate:
             f"residual     {self._residual_rms()} root mean square, "
             f"reduced chi-square {self.reduced_chi_square:.2f}; {self.noise_description}",
         ]
+        lines += [f"advice       {text}" for text in self.advice]
         if self.thermal is not None:  # the average method does not depend on the estimate
             lines += (
                 [str(self.thermal)] if self.reliable else [str(average) for average in self.thermal.average_methods]
@@ -169,6 +176,8 @@ class Estimate:
             "rounds": self.rounds,
             "reduced_chi_square": self.reduced_chi_square,
             "noise": self.noise_description,
+            "noise_ratio": self.noise_ratio,
+            "advice": list(self.advice),
             "variance_shares": dict(self.variance_shares),
             "model": self.model_description,
             "model_shift": self.model_shift,

@@ -18,6 +18,8 @@ _MIN_SHARE, _MAX_SHARE = 0.01, 0.5  # bounds of the smallest detectable share of
 _MIN_RANGE = 100.0  # ratio of the bounds of a search, where a wall is too thick or too thin for its record
 _MAX_PRIOR_RESIDUAL = 4.0  # prior standard deviations: an instrument error is hardly ever larger
 _CONSTANCY_LEVEL = 0.01  # significance level of the test of a constant diffusivity
+_FAR_LARGER, _LARGER, _SMALLER = 3.0, 1.4, 0.5  # noise found over noise stated; with true ones it is 0.7 to 1.3
+_REMEMBERED = 0.3  # share of autocorrelated noise in the variance, from which an excess is no noise of a sensor
 
 
 def distinguishable_range(case: Case, window: Window) -> tuple[float, float]:
@@ -153,3 +155,39 @@ def why_not_constant(fit: GLSFit) -> str:
         f"the diffusivity is not constant over the window (p = {fit.constancy_p_value:.1g}): an effect is missing from "
         "the model; run wallid diagnose to search for it"
     )
+
+
+def noise_ratio(fit: GLSFit) -> float:
+    """Standard deviation of the noise found in the residual over the stated one; NaN where it was not estimated."""
+    noise = fit.noise if fit.noise_estimated else fit.robust
+    return math.nan if noise is None else math.sqrt(noise.white + noise.autocorrelated)
+
+
+def why_noisier(fit: GLSFit) -> str:
+    """Why the residual is more than the stated noise of the sensors, or an empty string.
+
+    A residual that is autocorrelated and larger than stated is rather an effect that the model does not have. With
+    heat flux it is not tested: there the weights are those of the stated noise.
+    """
+    ratio = noise_ratio(fit)
+    if fit.robust is not None or not ratio > _LARGER:
+        return ""
+    share = fit.noise.autocorrelated / (fit.noise.white + fit.noise.autocorrelated)
+    if ratio < _FAR_LARGER and share < _REMEMBERED:
+        return ""
+    remembered = f", {share:.0%} of its variance correlated from row to row" if share >= _REMEMBERED else ""
+    return (
+        f"the residual is {ratio:.2g} times the stated noise{remembered}: an effect is missing from the model, or the "
+        "stated noise_std is too small; run wallid diagnose to search for it"
+    )
+
+
+def noise_advice(case: Case, fit: GLSFit) -> str:
+    """Which stated noise to change, where the noise found is far from it without a sign of a missing effect."""
+    ratio = noise_ratio(fit)
+    far = ratio < _SMALLER or (ratio > _LARGER and not why_noisier(fit))
+    if fit.robust is not None or not case.sensors or not far:
+        return ""
+    stated = sorted({sensor.noise_std for sensor in case.sensors})
+    values = ", ".join(f"{value * ratio:.2g} instead of {value:g}" for value in stated)
+    return f"the noise found is {ratio:.2g} times the stated one: state [[sensor]] noise_std = {values} (K)"

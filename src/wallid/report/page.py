@@ -32,7 +32,7 @@ _PACKAGES = ("wallid", "jax", "equinox", "diffrax", "optimistix", "numpy", "scip
 _LARGEST_RATIO = 1.25  # of the residual to the stated noise, above which the model does not fit the readings
 
 _BADGES = {
-    "adequate": "no missing effect found",
+    "adequate": "no missing effect seen",
     "named": "missing effect identified",
     "confusable": "missing effect with rivals",
     "unnamed": "unknown effect missing",

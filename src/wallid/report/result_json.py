@@ -105,7 +105,7 @@ def _fit(run: Run, fit: Estimate) -> dict[str, Any]:
     )
     for key, values, unit in errors:
         entries[key] = {name: {"value": value, "std": std, "unit": unit} for name, (value, std) in values.items()}
-    entries["interval"] = _interval(fit)
+    entries["interval"], entries["advice"] = _interval(fit), list(fit.advice)
     entries |= _identifiability(fit)
     if fit.thermal is not None:
         rms = np.sqrt(np.nanmean(fit.residual[:, fit.sensor_count :] ** 2))
@@ -163,6 +163,7 @@ def _interval(fit: Estimate) -> dict[str, Any]:
     return {
         "kind": fit.interval_kind,
         "noise": fit.noise_description,
+        "noise_over_stated": fit.noise_ratio,
         "variance_shares": fit.variance_shares,
         "reduced_chi_square": fit.reduced_chi_square,
         "bootstrap": None
