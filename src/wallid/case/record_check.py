@@ -10,6 +10,7 @@ import numpy as np
 from .._internal.errors import InputError
 from ..records.uniform_record import Record
 from .case_definition import Case
+from .mixups import doubtful_places, visible_mixups
 from .time_window import MIN_FACE_RANGE, entire_record, window_rows
 
 _EARLY_END = 0.05  # share of the record; a sensor without a reading in so long a last part has failed
@@ -78,6 +79,7 @@ def _notes(case: Case) -> list[str]:
         spacing = np.median(np.diff(rows)) if len(rows) > 1 else 1.0
         if len(rows) * spacing < _FEW_READINGS * record.rows:
             notes.append(f"{sensor.name} has readings in {len(rows)} of {record.rows} rows")
+    notes += [mixup.words for mixup in visible_mixups(case)] + doubtful_places(case)
     for column, times in record.cleaning.masked.items():
         if len(times) > _MANY_MASKED * record.rows:
             notes.append(f"{column}: {len(times)} values were masked; see the figure of the record")

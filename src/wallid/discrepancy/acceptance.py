@@ -14,6 +14,8 @@ FIRST_EFFECT_LEVEL = 0.03
 """Significance level of the first effect, family-wise over the entire library."""
 FURTHER_EFFECT_LEVEL = 0.01
 """Significance level of a further effect, and of a pair where no single effect is significant."""
+RIVAL = 9.0
+"""Models within this of the best in penalised `-2 log L` cannot be distinguished from it."""
 RESIDUAL_TEST_LEVEL = 1e-3
 """Significance level of each of the about five tests of a final model."""
 _MIN_SIZE_RATIO = 2.0  # smallest size of an effect over its standard deviation

@@ -170,7 +170,7 @@ def effect_by_window(fit: EffectFit, effect_parameters: EffectParameters) -> Eff
     size, std = np.array(sizes), np.array(stds)
     informative = std < _MAX_STD_RATIO * max(fit.std(size_name), 1e-300)
     size, std = np.where(informative, size, np.nan), np.where(informative, std, np.nan)
-    weight = np.where(informative, 1.0 / np.where(informative, std, 1.0) ** 2, 0.0)
+    weight = np.where(informative, 1.0 / np.where(informative, np.maximum(std, 1e-150), 1.0) ** 2, 0.0)
     mean = np.nansum(weight * size) / max(weight.sum(), 1e-300)
     p = float(scipy.special.chdtrc(max(informative.sum() - 1, 1), np.nansum(weight * (size - mean) ** 2)))
     days = 0.5 * (edges[1:] + edges[:-1]) * problem.bins.rows_per_bin * problem.record.step / DAY

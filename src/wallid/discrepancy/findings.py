@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..case.mixups import Mixup
 from ..inference.physical_bounds import clip_to_physical
 from .acceptance import FIRST_EFFECT_LEVEL, RESIDUAL_TEST_LEVEL, reason_for_refusal
 from .cross_validation import Gap
@@ -40,6 +41,8 @@ class Findings:
         residual_tests_after: residual tests of `after`.
         p_value_of_one_more: p-value of one effect more where `effects` has the largest number allowed, else 1.
         rivals: fits with one effect exchanged.
+        mixups: mistakes in the case, with whose correction all of the above was computed.
+        uncorrected: the estimate with the plain model before the correction; None where there was none.
     """
 
     problem: DiagnosisProblem = field(repr=False)
@@ -54,6 +57,8 @@ class Findings:
     residual_tests_after: ResidualTests = field(repr=False)
     p_value_of_one_more: float
     rivals: tuple[EffectFit, ...] = field(repr=False)
+    mixups: tuple[Mixup, ...] = ()
+    uncorrected: EffectFit | None = field(default=None, repr=False)
 
     @property
     def final(self) -> EffectFit:
@@ -68,7 +73,7 @@ class Findings:
         if self.incomplete:
             return "unnamed"
         if not self.effects:
-            return "adequate"
+            return "named" if self.mixups else "adequate"
         return "confusable" if any(named.alternatives for named in self.effects) else "named"
 
     @cached_property

@@ -19,11 +19,12 @@ def diagnosis_entries(findings: Findings) -> dict[str, Any]:
     problem = findings.problem
     verdict = findings.verdict
     effects = findings.effects if verdict in ("named", "confusable") else ()
-    gap = findings.gap
+    gap, before = findings.gap, findings.uncorrected or findings.plain
     return {
         "diffusivity": _diffusivity(findings.final, findings.interval_95),
-        "diffusivity_before": _diffusivity(findings.plain, findings.plain.interval_95),
+        "diffusivity_before": _diffusivity(before, before.interval_95),
         "verdict": verdict,
+        "mixups": [mixup.to_dict() for mixup in findings.mixups],
         "effects": [
             {
                 "name": named.effect_parameters.effect.name,

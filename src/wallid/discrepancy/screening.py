@@ -11,7 +11,9 @@ from ..case.case_definition import Case
 from .acceptance import RESIDUAL_TEST_LEVEL
 from .candidate_fits import CandidateFits
 from .compilation import compile_together
+from .effect_fit import EffectFit
 from .problem import diagnosis_problem
+from .score_test import CandidateScores
 
 SCREENING_LEVEL = 0.005
 """Significance level of the score test of the entire library. On 160 records with nothing missing, 1.5 % were below."""
@@ -90,7 +92,18 @@ def screen(case: Case) -> Screening:
     compile_together(problem)
     fits = CandidateFits(problem)
     plain = fits.fit_plain_model()
-    scores, tests = fits.score_candidates(plain), fits.residual_tests(plain)
+    return screening_of(fits, plain, fits.score_candidates(plain))
+
+
+def screening_of(fits: CandidateFits, plain: EffectFit, scores: CandidateScores) -> Screening:
+    """The screening of a record whose plain model is fitted.
+
+    Args:
+        fits: of the record.
+        plain: the fit of the plain model.
+        scores: the score test of the entire library against it.
+    """
+    problem, tests = fits.problem, fits.residual_tests(plain)
     if not len(scores.candidates):
         return Screening(1.0, tests.p_value, "", 0.0, 0.0, 0.0, "", 0.0)
     best = int(np.argmax(scores.gain))

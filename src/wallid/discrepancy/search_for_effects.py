@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
 
 from ..case.case_definition import Case
+from ..case.mixups import visible_mixups
+from ..estimation.materials import implausible
+from .acceptance import RIVAL, penalised_cost
 from .candidate_fits import CandidateFits
 from .compilation import compile_together
 from .cross_validation import cross_validate
 from .diagnosis_result import Diagnosis
+from .effect_fit import EffectFit
+from .mixup_search import MixupFit, best_mixup, copied_sensor, wrong_length_unit
 from .problem import diagnosis_problem
+from .score_test import CandidateScores
+from .screening import screen, screening_of
 from .stepwise_selection import StepwiseSelection
 
 Progress = Callable[[str, float], None]
@@ -19,7 +28,9 @@ def diagnose(case: Case, *, progress: Progress = lambda stage, share: None) -> D
     """Find the physical effects that the plain model misses in the record of a case.
 
     The plain model is fitted, every effect of the library is ranked by a score test, the best candidates are added
-    and fitted (stepwise selection), and both models are compared on days held out.
+    and fitted (stepwise selection), and both models are compared on days held out. Where something is missing, mix-ups
+    of columns, places, units and clocks are tried too; one that explains the record as well as the effects do is named
+    before them, and the search is repeated with the readings corrected.
 
     Args:
         case: the case; its window is the entire record, or `[choices] diagnose_days`.
@@ -36,15 +47,78 @@ def diagnose(case: Case, *, progress: Progress = lambda stage, share: None) -> D
         >>> diagnosis = wallid.diagnose(wallid.load("case.toml"))
         >>> print(diagnosis.verdict, diagnosis.sentence)
     """
+    plain = _fit_plain_model(case, progress)
+    mixup = _complete_mixup(plain, progress)
+    found = _search(plain, progress) if mixup is None else _search_corrected(plain, mixup, progress)
+    if mixup is None and found.verdict != "adequate" and (equal := _equal_mixup(found, progress)) is not None:
+        found = _search_corrected(plain, equal, progress)
+    others = (one for one in visible_mixups(case) if one.kind in ("flux_sign", "clock"))
+    progress("done", 1.0)
+    return replace(found, mixups=(*found.mixups, *others))
+
+
+class _PlainModel(NamedTuple):
+    """The plain model fitted to a case, with the score test of the library."""
+
+    fits: CandidateFits
+    fit: EffectFit
+    scores: CandidateScores
+
+    @property
+    def explains_the_record(self) -> bool:
+        """Whether the residual shows nothing, and the diffusivity is that of a material."""
+        screening = screening_of(self.fits, self.fit, self.scores)
+        prior = self.fits.problem.case.wall.diffusivity_prior
+        return not screening.missing and not implausible(self.fit.diffusivity, prior)
+
+
+def _fit_plain_model(case: Case, progress: Progress) -> _PlainModel:
+    """Fit the plain model to a case."""
     progress("diagnose: compiling the models", 0.0)
     problem = diagnosis_problem(case)
     compile_together(problem)
     fits = CandidateFits(problem)
-    selection = StepwiseSelection(fits)
-    progress("diagnose: fitting the plain model", 0.35)
+    progress("diagnose: fitting the plain model", 0.3)
     plain = fits.fit_plain_model()
+    return _PlainModel(fits, plain, fits.score_candidates(plain))
+
+
+def _complete_mixup(plain: _PlainModel, progress: Progress) -> MixupFit | None:
+    """The mix-up with whose correction the plain model leaves nothing: no effect can then be much better."""
+    copies = copied_sensor(plain.fit)
+    if copies is not None:
+        return copies
+    if plain.explains_the_record:
+        return None
+    progress("diagnose: trying mix-ups of columns, units and clocks", 0.4)
+    scaled = wrong_length_unit(plain.fit)
+    best = scaled or best_mixup(plain.fit, plain.fit.noise)
+    return best if best is not None and (scaled or not screen(best.case).missing) else None
+
+
+def _equal_mixup(found: Diagnosis, progress: Progress) -> MixupFit | None:
+    """The mix-up that explains the record as well as the effects do, or better, although it leaves something."""
+    progress("diagnose: comparing with mix-ups", 0.95)
+    best = best_mixup(found.before, found.after.noise)
+    of_effects = penalised_cost(found.after) - found.problem.bins.nonempty
+    return best if best is not None and best.deviance < of_effects + RIVAL else None
+
+
+def _search_corrected(plain: _PlainModel, mixup: MixupFit, progress: Progress) -> Diagnosis:
+    """The search in the readings without a mix-up; the rms before it is that of the readings as they were stated."""
+    found = _search(_fit_plain_model(mixup.case, progress), progress)
+    before = plain.fits.plain_estimate(plain.fit)
+    gap = replace(found.gap, before=before.gap, held_out_before=None)
+    return replace(found, gap=gap, uncorrected=before, mixups=(mixup.mixup,))
+
+
+def _search(plain_model: _PlainModel, progress: Progress) -> Diagnosis:
+    """The search for effects in a case as it is stated."""
+    fits, plain, scores = plain_model
+    problem = fits.problem
+    selection = StepwiseSelection(fits)
     progress("diagnose: ranking all effects and pairs", 0.5)
-    plain_estimate, scores = fits.plain_estimate(plain), fits.score_candidates(plain)
+    plain_estimate = fits.plain_estimate(plain)
     chosen = selection.select_first(
         plain, scores, lambda share: progress("diagnose: fitting the best candidates", 0.55 + 0.15 * share)
     )
@@ -54,7 +128,7 @@ def diagnose(case: Case, *, progress: Progress = lambda stage, share: None) -> D
     progress("diagnose: cross-validation", 0.9)
     if best.active:  # both with the noise of the final model
         plain = fits.plain_model_with_noise_of(best)
-    diagnosis = Diagnosis(
+    return Diagnosis(
         problem=problem,
         plain=plain_estimate,
         before=plain,
@@ -68,5 +142,3 @@ def diagnose(case: Case, *, progress: Progress = lambda stage, share: None) -> D
         p_value_of_one_more=p_value_of_one_more,
         rivals=tuple(selection.rivals),
     )
-    progress("done", 1.0)
-    return diagnosis

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from .acceptance import FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL, penalised_cost, reason_for_refusal
+from .acceptance import FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL, RIVAL, penalised_cost, reason_for_refusal
 from .candidate_fits import CandidateFits
 from .cross_validation import effect_by_window, held_out, held_out_cost
 from .effect_fit import EffectFit
@@ -17,8 +17,6 @@ from .score_test import (
     score_candidates,
 )
 
-RIVAL = 9.0
-"""Models within this of the best in penalised `-2 log L` cannot be distinguished from it."""
 _PAIR_TEST_LEVEL = 0.02  # below this p-value of the omnibus test after one effect, pairs and other forms are tried
 _MAX_EFFECTS = 2  # where a third effect would be significant, the missing effect is probably not in the library
 _SINGLES, _PAIRS, _RIVALS = 5, 3, 8  # candidates that are refitted: alone, as pairs, in exchange for an effect

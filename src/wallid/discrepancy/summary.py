@@ -49,7 +49,12 @@ _SEPARATING_MEASUREMENTS = (
 
 
 def verdict_sentence(findings: Findings) -> str:
-    """The verdict in one or a few sentences."""
+    """The verdict in one or a few sentences: what was mixed up, if anything, then what the corrected record shows."""
+    mixups = [f"{mixup.words[:1].upper()}{mixup.words[1:]}." for mixup in findings.mixups]
+    return " ".join([*mixups, _sentence(findings)])
+
+
+def _sentence(findings: Findings) -> str:
     gap, final, plain, problem = findings.gap, findings.final, findings.plain, findings.problem
     verdict = findings.verdict
     low, high = findings.interval_95
@@ -70,6 +75,11 @@ def verdict_sentence(findings: Findings) -> str:
             f"An effect is missing that is none of the known effects: the rms residual is {gap.after:.3g} K, where "
             f"noise alone gives {gap.noise_floor:.3g} K, largest at {max(by_sensor, key=by_sensor.__getitem__)}; "
             f"{findings.incomplete}. The diffusivity lies between {low:.4g} and {high:.4g} m2/s."
+        )
+    if findings.mixups and not findings.effects:
+        return (
+            f"With that corrected, the record shows no missing effect: the diffusivity is {final.diffusivity:.4g} m2/s "
+            f"and the rms residual {gap.after:.3g} K, where noise alone gives {gap.noise_floor:.3g} K."
         )
     named = " and ".join(_label_with_size(effect, problem) for effect in findings.effects)
     verb, pronoun = ("is", "it") if len(findings.effects) == 1 else ("are", "them")

@@ -33,7 +33,7 @@ from ..models.window_inputs import check_driven, full_order_model, window_data
 from ..reduction.modal_identification import LearnedModel
 from ..reduction.training_signals import learn
 from .conclusion import InitialFit, estimate_from_gls, gls_minima, initial_estimate
-from .heat_flux import thermal_properties
+from .heat_flux import thermal_properties, why_flux_is_doubtful
 from .result_objects import Estimate
 
 _MIN_TIMED_RUNS, _MAX_TIMED_RUNS = 3, 30  # computing time is the median over this many runs
@@ -197,7 +197,9 @@ def estimate_by_gls(
     if initial.weighted_fit is None:
         steps = int(best_fit.minimum.trace.count) - 1
         thermal = thermal_properties(case, window, best_fit) if plates else None
+        reason = result.reason or ("" if thermal is None else why_flux_is_doubtful(case, thermal))
         result = replace(result, thermal=thermal, iterations=steps, evaluations=steps + 1)
+        result = replace(result, reliable=not reason, reason=reason)
     return result, best_fit
 
 

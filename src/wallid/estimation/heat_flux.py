@@ -19,11 +19,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..case.case_definition import Case
+from ..case.mixups import visible_mixups
 from ..case.time_window import Window, entire_record
 from ..inference.generalised_least_squares import fit_generalised_least_squares
 from ..inference.gls_fit import GLSFit
 from ..inference.likelihood import LOG_CONDUCTIVITY, PLATE_GAIN, LikelihoodProblem, NuisanceModel
 from ..inference.parameters import target_of
+from ..inference.physical_bounds import PHYSICAL_BOUNDS
 from ..inference.quantity import NORMAL_95, Quantity, lognormal
 from ..models.flux_plates import fluxes_of
 from ..models.window_inputs import window_data
@@ -108,6 +110,18 @@ class ThermalProperties:
             lines.append("             (5 % assumed; state [record] flux_gain_std)")
         lines += [str(average) for average in self.average_methods]
         return "\n".join([*lines, *([str(self.held_out)] if self.held_out is not None else [])])
+
+
+def why_flux_is_doubtful(case: Case, thermal: ThermalProperties) -> str:
+    """Why the fluxes cannot be right: their sign, or a property that no material has; empty where nothing is wrong."""
+    for mixup in visible_mixups(case):
+        if mixup.kind == "flux_sign":
+            return mixup.words
+    for name, one in thermal.quantities.items():
+        lowest, highest = PHYSICAL_BOUNDS[one.unit]
+        if not lowest <= one.value <= highest:
+            return f"no material has this {name.replace('_', ' ')}, {one.value:.2g} {one.unit}: check the plates' unit"
+    return ""
 
 
 def thermal_properties(case: Case, window: Window, fit: GLSFit) -> ThermalProperties:

@@ -28,14 +28,12 @@ _MATERIALS = (
     ("aluminium or copper", 3e-5, 1.2e-4),
 )
 _USUAL = (6e-8, 3.2e-6)  # m2/s: every wall, soil, rock and ice; metals are above
+LENGTH_UNITS = {"feet": 0.3048, "inches": 0.0254, "cm": 0.01, "mm": 0.001}
+"""Units of length that may be stated by mistake instead of the metre, in m."""
 _SLIPS = (  # of the case's units, and the factor on the diffusivity: it goes with length^2 / time
-    ("lengths in feet", 0.3048**-2),
-    ("lengths in inches", 0.0254**-2),
-    ("lengths in cm", 1e4),
-    ("lengths in mm", 1e6),
+    *((f"lengths in {unit}", metres**-2) for unit, metres in LENGTH_UNITS.items()),
     ("times in minutes instead of seconds", 60.0),
     ("times in hours instead of seconds", 3600.0),
-    ("lengths in dm", 1e2),
     ("a record's step of half its true length", 2.0),
     ("a record's step of twice its true length", 0.5),
 )

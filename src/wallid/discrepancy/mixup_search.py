@@ -1,0 +1,322 @@
+"""The search for a mix-up of columns, units, places or clocks that explains a record better than the plain model.
+
+Each hypothesis corrects the readings. The corrected readings are compared with the plain model first at a few
+diffusivities, to first order in all other parameters: corrected inner readings change the residual only, and a
+corrected face changes the predictions by a convolution with the wall's response to that face. The best hypotheses are
+then fitted in full.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+import scipy
+
+from ..case.case_definition import Case
+from ..case.mixups import FACE_COLUMNS, Mixup, MixupKind, visible_mixups
+from ..estimation.materials import LENGTH_UNITS, implausible
+from ..inference.likelihood import LOG_DIFFUSIVITY
+from ..inference.noise_covariance import NoiseCovariance
+from ..records.uniform_record import Record
+from .acceptance import RIVAL
+from .effect_fit import EffectFit, refit
+from .model_with_effects import face_impulse_response, linearise
+from .problem import DiagnosisProblem, diagnosis_problem
+
+_SPREAD = (0.2, 0.5, 1.0, 2.0, 5.0)  # times the prior diffusivity, at which the hypotheses are ranked
+_HOURS = (-12, -6, -3, -2, -1, 1, 2, 3, 6, 12)  # by which a clock may be wrong
+_BREAKS = 16  # rows of the record from which on a clock may be wrong, in the first pass
+_FITTED = 4  # hypotheses that are fitted in full
+_CLEAR_GAIN = 40.0  # drop of -2 log L for a mix-up: far more than the best of some hundred hypotheses by chance
+_HOUR = 3600.0
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """A mix-up, and the readings without it.
+
+    Args:
+        mixup: what was mixed up.
+        faces: corrected, degC, `(time, 2)`.
+        sensors: corrected, degC, `(time, sensor)`; NaN where the correction leaves no reading.
+    """
+
+    mixup: Mixup
+    faces: np.ndarray
+    sensors: np.ndarray
+
+    def applied_to(self, case: Case, record: Record) -> Case:
+        """The case with the corrected readings of the rows used."""
+        corrected = replace(record, faces=self.faces, sensors=self.sensors)
+        return replace(case, record=corrected, choices=replace(case.choices, diagnose_days=None))
+
+
+@dataclass(frozen=True, eq=False)
+class MixupFit:
+    """The plain model fitted to the readings without a mix-up.
+
+    Args:
+        mixup: what was mixed up.
+        case: the corrected case.
+        deviance: `-2 log L` less the number of readings, to compare fits to different numbers of readings.
+    """
+
+    mixup: Mixup
+    case: Case
+    deviance: float
+
+
+def deviance(fit: EffectFit) -> float:
+    """`-2 log L` of a fit less its number of readings."""
+    return fit.cost - fit.problem.bins.nonempty
+
+
+def best_mixup(plain: EffectFit, noise: NoiseCovariance) -> MixupFit | None:
+    """The mix-up that explains the readings best; None where none explains them far better than the plain model.
+
+    Args:
+        plain: the fit of the plain model.
+        noise: its size and autocorrelation are those of every comparison.
+    """
+    reference = _refit_with_noise(plain.problem, plain, noise)
+    ranked = _RankedCorrections(plain.problem, reference)
+    fits = [_fit(plain.problem, correction, reference, noise) for correction in ranked.best(_FITTED)]
+    best = min(fits, key=lambda fit: fit.deviance, default=None)
+    if best is None or deviance(reference) - best.deviance < _CLEAR_GAIN:
+        return None
+    return best
+
+
+def copied_sensor(plain: EffectFit) -> MixupFit | None:
+    """A column of an inner sensor that is a copy of another; the one that fits worse is left out."""
+    problem = plain.problem
+    case, record = replace(problem.case, record=problem.record), problem.record
+    fits = []
+    for mixup in visible_mixups(case):
+        for name in mixup.targets:
+            if mixup.kind != "copy" or name not in record.names:
+                continue
+            faces, sensors = _with_column(record, name, np.full(record.rows, np.nan))
+            if np.isfinite(sensors).any():
+                fits.append(_fit(problem, Correction(mixup, faces, sensors), plain, plain.noise))
+    return min(fits, key=lambda fit: fit.deviance, default=None)
+
+
+def wrong_length_unit(plain: EffectFit) -> MixupFit | None:
+    """Lengths in another unit than the metre, where the diffusivity is that of no material but would be one with it.
+
+    The readings depend on the diffusivity over the squared length only, so they fit as well: the evidence is the value.
+    """
+    case = plain.problem.case
+    prior = case.wall.diffusivity_prior
+    if not implausible(plain.diffusivity, prior):
+        return None
+    fits = []
+    for unit, metres in LENGTH_UNITS.items():
+        scaled = _scaled(case, metres)
+        fit = _refit_with_noise(diagnosis_problem(scaled), None, plain.noise)
+        if not implausible(fit.diffusivity, prior) and deviance(fit) < deviance(plain) + _CLEAR_GAIN:
+            words = f"the lengths are in {unit}, not in m: with them in m the diffusivity is {fit.diffusivity:.3g} m2/s"
+            distance = abs(math.log(fit.diffusivity / prior))
+            fits.append((distance, MixupFit(Mixup("length_unit", (), words), scaled, deviance(fit))))
+    lowest = min((fit.deviance for _, fit in fits), default=0.0)
+    close = [one for one in fits if one[1].deviance < lowest + RIVAL]
+    return min(close, key=lambda one: one[0])[1] if close else None
+
+
+def _scaled(case: Case, metres: float) -> Case:
+    """The case with its lengths taken in another unit."""
+    wall = replace(
+        case.wall,
+        length=metres * case.wall.length,
+        layers=tuple(replace(layer, thickness=metres * layer.thickness) for layer in case.wall.layers),
+    )
+    sensors = tuple(
+        replace(sensor, position=metres * sensor.position, position_std=metres * sensor.position_std)
+        for sensor in case.sensors
+    )
+    return replace(case, wall=wall, sensors=sensors)
+
+
+def _refit_with_noise(problem: DiagnosisProblem, start: EffectFit | None, noise: NoiseCovariance) -> EffectFit:
+    """The plain model fitted under noise of the same size and autocorrelation as another."""
+    parameters = problem.parameters
+    if start is not None:
+        parameters = parameters.with_values({LOG_DIFFUSIVITY: float(start.parameters[LOG_DIFFUSIVITY])})
+    own = problem.noise_shape(parameters).covariance_of(noise.white, noise.autocorrelated, noise.correlation)
+    return refit(problem, (), parameters, own)
+
+
+def _fit(problem: DiagnosisProblem, correction: Correction, reference: EffectFit, noise: NoiseCovariance) -> MixupFit:
+    """The plain model fitted to corrected readings, from the prior and from the plain fit."""
+    case = correction.applied_to(problem.case, problem.record)
+    corrected = diagnosis_problem(case)
+    fits = [_refit_with_noise(corrected, start, noise) for start in (None, reference)]
+    return MixupFit(correction.mixup, case, min(deviance(fit) for fit in fits))
+
+
+class _RankedCorrections:
+    """All corrections with their deviances to first order about the plain model at a few diffusivities."""
+
+    def __init__(self, problem: DiagnosisProblem, reference: EffectFit):
+        self.problem, self.noise = problem, reference.noise
+        names = problem.estimated_names(())
+        weight = 1.0 / np.asarray(problem.parameters.prior_std)[problem.parameters.indices(names)]
+        low, high = (np.log(end / problem.case.wall.diffusivity_prior) for end in problem.diffusivity_bounds)
+        values = {float(np.clip(np.log(factor), low, high)) for factor in _SPREAD}
+        self.points = []
+        for value in sorted(values | {float(reference.parameters[LOG_DIFFUSIVITY])}):
+            parameters = problem.parameters.with_values({LOG_DIFFUSIVITY: value})
+            predicted, slope = linearise(problem.model, problem.bins, parameters, names, linear=True)
+            design = np.concatenate([self.noise.whitening @ slope.T, np.diag(weight)])
+            basis, _ = np.linalg.qr(design / np.maximum(np.linalg.norm(design, axis=0), 1e-300))
+            self.points.append((predicted, face_impulse_response(problem.model, parameters), basis))
+
+    def deviance(self, correction: Correction) -> float:
+        """`-2 log L` of corrected readings less their number, at the best of the diffusivities."""
+        record, problem = self.problem.record, self.problem
+        change = correction.faces - record.faces
+        deviances = []
+        for predicted, response, basis in self.points:
+            if change.any():
+                caused = scipy.signal.fftconvolve(change.T[:, :, None], response, axes=1)[:, : record.rows].sum(axis=0)
+                predicted = predicted + caused
+            residual = self.noise.whitening @ problem.binned(np.nan_to_num(correction.sensors - predicted))
+            residual = np.pad(residual, (0, len(basis) - len(residual)))
+            left = residual - basis @ (basis.T @ residual)
+            deviances.append(float(left @ left))
+        return min(deviances) - float(np.isfinite(correction.sensors).sum()) / problem.bins.rows_per_bin
+
+    def best(self, count: int) -> list[Correction]:
+        """The corrections with the lowest deviances, the best of each mix-up's kind and targets."""
+        best: dict[tuple[str, tuple[str, ...]], tuple[float, Correction]] = {}
+        for correction in self._all():
+            key, value = (correction.mixup.kind, correction.mixup.targets), self.deviance(correction)
+            if key not in best or value < best[key][0]:
+                best[key] = value, correction
+        ordered = sorted(best.values(), key=lambda one: one[0])[:count]
+        return [self._refined(correction) for _, correction in ordered]
+
+    def _all(self) -> Iterator[Correction]:
+        record, case = self.problem.record, self.problem.case
+        yield from _rearranged(case, record)
+        yield from _other_units(record)
+        columns = (*FACE_COLUMNS, *record.names)
+        for target in (*columns, ""):
+            for hours in _HOURS:
+                yield _other_clock(record, target, hours, 0)
+        breaks = np.linspace(0, record.rows, _BREAKS + 2)[1:-1].astype(int)
+        for target in columns:
+            for hours in (-1, 1):
+                for row in breaks.tolist():
+                    yield _other_clock(record, target, hours, row)
+
+    def _refined(self, correction: Correction) -> Correction:
+        """A clock that is wrong from some row on, with the row found more closely."""
+        if not isinstance(correction, _ClockCorrection) or correction.row == 0:
+            return correction
+        width, record = self.problem.record.rows // (_BREAKS + 1), self.problem.record
+        while width > 1:
+            rows = {correction.row + k * width // 2 for k in (-2, -1, 0, 1, 2)}
+            others = [
+                _other_clock(record, correction.target, correction.hours, row) for row in rows if 0 < row < record.rows
+            ]
+            correction = min(others, key=self.deviance)
+            width //= 2
+        return correction
+
+
+@dataclass(frozen=True, eq=False)
+class _ClockCorrection(Correction):
+    """A correction of a clock: the column, the hours and the first row at which it is wrong."""
+
+    target: str
+    hours: int
+    row: int
+
+
+def _rearranged(case: Case, record: Record) -> Iterator[Correction]:
+    """Faces or sensors in another order."""
+    faces, sensors, names = record.faces, record.sensors, record.names
+    mirrored = "all positions are counted from the right face: count them from the left one"
+    exchanged = "the two faces are exchanged: exchange [record] left and right"
+    kind, first, second = _faces_or_positions(case, record, exchanged, mirrored)
+    words = f"{first} (or, which gives the same readings, {second})"
+    yield Correction(Mixup(kind, ("left", "right"), words), faces[:, ::-1], sensors)
+    if len(names) > 2:
+        words = "the sensors are stated in the reverse order: reverse their columns, or their positions"
+        yield Correction(Mixup("order", names, words), faces, sensors[:, ::-1])
+    for one, other in combinations(range(len(names)), 2):
+        swapped = sensors.copy()
+        swapped[:, [one, other]] = swapped[:, [other, one]]
+        pair = (names[one], names[other])
+        words = f"{pair[0]} and {pair[1]} are exchanged: exchange their columns, or their positions"
+        yield Correction(Mixup("exchanged", pair, words), faces, swapped)
+
+
+def _faces_or_positions(case: Case, record: Record, exchanged: str, mirrored: str) -> tuple[MixupKind, str, str]:
+    """Which of the two is more likely: the outer face has the larger daily range where an outer face is known."""
+    outside = ("left", "right").index(case.wall.outside)
+    ranges = np.ptp(np.diff(record.faces, axis=0), axis=0)
+    if ranges[1 - outside] > ranges[outside]:
+        return "faces", exchanged, mirrored
+    return "mirrored", mirrored, exchanged
+
+
+def _other_units(record: Record) -> Iterator[Correction]:
+    """One column in degrees Fahrenheit or in kelvin."""
+    for unit, scale, offset in (("degF", 1.8, 32.0), ("K", 1.0, 273.15)):
+        for name in (*FACE_COLUMNS, *record.names):
+            faces, sensors = _with_column(record, name, (_column(record, name) - offset) / scale)
+            yield Correction(Mixup("unit", (name,), f"{name} is in {unit}: convert the column to degC"), faces, sensors)
+
+
+def _column(record: Record, name: str) -> np.ndarray:
+    """The readings of a face or of an inner sensor, degC, `(time,)`."""
+    if name in FACE_COLUMNS:
+        return record.faces[:, FACE_COLUMNS.index(name)]
+    return record.sensors[:, record.names.index(name)]
+
+
+def _with_column(record: Record, name: str, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All faces and sensors, with other values in one column."""
+    faces, sensors = record.faces.copy(), record.sensors.copy()
+    if name in FACE_COLUMNS:
+        faces[:, FACE_COLUMNS.index(name)] = values
+    else:
+        sensors[:, record.names.index(name)] = values
+    return faces, sensors
+
+
+def _other_clock(record: Record, target: str, hours: int, row: int) -> _ClockCorrection:
+    """A column whose clock is some hours late from a row on; with no target every inner sensor's.
+
+    Where the record ends before the corrected time, a face keeps its nearest value and the inner sensors have no
+    readings.
+    """
+    rows, shift = np.arange(record.rows), hours * _HOUR / record.step
+    source = np.where(rows >= row, rows + shift, rows)
+    inside = (source <= record.rows - 1) & (source >= np.where(rows >= row, row, 0))
+    faces, sensors = record.faces, record.sensors
+    for name in (target,) if target else record.names:
+        values = _column(record, name)
+        present = np.isfinite(values)
+        if not present.any():
+            continue
+        shifted = np.interp(source, rows[present], values[present])
+        if name in record.names:
+            shifted[~inside | (np.interp(source, rows, present.astype(float)) < 1.0)] = np.nan
+        faces, sensors = _with_column(replace(record, faces=faces, sensors=sensors), name, shifted)
+    if target in FACE_COLUMNS:
+        sensors = np.where(inside[:, None], sensors, np.nan)
+    late = f"{abs(hours)} h {'late' if hours > 0 else 'early'}"
+    since = "" if row == 0 else f" from {record.stamp(row)} on"
+    whose = f"the clock of {target} is" if target else "the clock of every inner sensor is"
+    words = f"{whose} {late}{since}: correct its times"
+    return _ClockCorrection(
+        Mixup("clock", (target,) if target else record.names, words), faces, sensors, target, hours, row
+    )
