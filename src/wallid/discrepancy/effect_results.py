@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .._internal.number_formats import value_and_std
 from .cross_validation import EffectByWindow
 from .effect_fit import EffectFit
 from .problem import EffectParameters
@@ -87,9 +88,13 @@ class RankedEffect:
     rivals: tuple[str, ...]
     reason: str
 
+    @property
+    def size_text(self) -> str:
+        """The size with its standard deviation, in a unit that a person uses."""
+        return value_and_std(self.size, self.std, self.unit)
+
     def __str__(self) -> str:
         gain = "" if self.gain is None else f"{self.gain:.0f}"
-        size = f"{self.size:.3g} +- {self.std:.1g} {self.unit}".rstrip()
         similar = f" (similar: {', '.join(self.rivals[:2])})" if self.rivals else ""
-        numbers = f"{self.expected_gain:8.0f} {gain:>7}  {size:<28} {100 * self.shift:+6.1f} %"
+        numbers = f"{self.expected_gain:8.0f} {gain:>7}  {self.size_text:<28} {100 * self.shift:+6.1f} %"
         return f"{self.label:<36} {numbers}  {self.reason}{similar}"

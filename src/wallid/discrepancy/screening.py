@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._internal.number_formats import p_value_text, value_and_std
 from ..case.case_definition import Case
 from .acceptance import RESIDUAL_TEST_LEVEL
 from .candidate_fits import CandidateFits
@@ -45,10 +46,10 @@ class Screening:
     def missing(self) -> str:
         """What the record shows to be missing, in one sentence; empty where it shows nothing."""
         if self.score_p_value < SCREENING_LEVEL:
-            unit = f" {self.unit}" if self.unit else ""
+            size = value_and_std(self.size, self.size_std, self.unit)
             return (
                 f"the entire record shows that an effect is missing from the model; the most likely of the known ones "
-                f"is {self.candidate}, about {self.size:.2g}{unit} (the diffusivity would change by {self.shift:+.0%})"
+                f"is {self.candidate}, {size} (the diffusivity would change by {self.shift:+.0%})"
             )
         if self.residual_p_value < RESIDUAL_TEST_LEVEL:
             return (
@@ -58,7 +59,9 @@ class Screening:
         return ""
 
     def __str__(self) -> str:
-        tests = f"score test p = {self.score_p_value:.2g}, omnibus test p = {self.residual_p_value:.2g}"
+        tests = (
+            f"score test {p_value_text(self.score_p_value, 1e-3)}, omnibus test {p_value_text(self.residual_p_value)}"
+        )
         return f"missing      {self.missing or 'the entire record shows no missing effect'} ({tests})"
 
     def to_dict(self) -> dict[str, Any]:

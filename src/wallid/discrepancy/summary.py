@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .._internal.number_formats import p_value_text, value_and_std
 from ..estimation.materials import implausible
 from .effect_results import NamedEffect
 from .effects.catalogue import untestable
@@ -124,8 +125,7 @@ def _rejected(findings: Findings) -> str:
 def _label_with_size(named: NamedEffect, problem: DiagnosisProblem) -> str:
     size = named.effect_parameters.effect.parameters[0]
     value, std = named.values[size.name]
-    unit = f" {size.unit}" if size.unit else ""
-    return f"{problem.label(named.effect_parameters.effect)} of {value:.3g} +- {std:.1g}{unit}"
+    return f"{problem.label(named.effect_parameters.effect)} of {value_and_std(value, std, size.unit)}"
 
 
 def _ambiguity(named: NamedEffect, problem: DiagnosisProblem) -> str:
@@ -146,20 +146,17 @@ def diagnosis_summary(findings: Findings) -> str:
         f"diffusivity  {findings.final.diffusivity:.4g} m2/s   (95 %: {low:.4g} to {high:.4g}); "
         f"plain model {findings.plain.diffusivity:.4g}",
         f"readings     {problem.record.rows} rows, {findings.after.noise}",
-        f"residual     omnibus test p = {tests[0].p_value:.2g} before, {tests[1].p_value:.2g} after",
+        f"residual     omnibus test {p_value_text(tests[0].p_value)} before, {p_value_text(tests[1].p_value)} after",
     ]
     for named in findings.effects:
         windows, effect = named.windows, named.effect_parameters.effect
-        values = ", ".join(
-            f"{p.name} {named.values[p.name][0]:.4g} +- {named.values[p.name][1]:.1g} {p.unit}".rstrip()
-            for p in effect.parameters
-        )
+        values = ", ".join(f"{p.name} {value_and_std(*named.values[p.name], p.unit)}" for p in effect.parameters)
         count = windows.informative_windows
         equal = f"equal: p = {windows.p_value:.2g}" if count > 1 else f"{count} of {len(windows.size)} are informative"
         lines.append(f"effect       {problem.label(effect)}: {values}")
         lines.append(
             f"             -2 log L drops by {named.gain:.1f} ({named.expected_gain:.1f} expected), "
-            f"p <= {named.p_value:.2g}; by windows {_list(windows.size)} ({equal})"
+            f"{p_value_text(named.p_value, 1e-3)}; by windows {_list(windows.size)} ({equal})"
         )
     lines.append("ranked       expected gain, gain, size, change of the diffusivity, reason, similar effects")
     lines += [f"             {row}" for row in findings.table[:_TABLE_ROWS]]

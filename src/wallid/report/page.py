@@ -20,6 +20,7 @@ from .._internal.number_formats import format_number, format_text, format_unit
 from ..discrepancy.effects.catalogue import untestable
 from .captions import alternative_text, figure_caption
 from .figures import narrow_figures
+from .next_steps import implications, next_steps, relation_of_diffusivities
 from .result_json import diffusivity_entry
 from .settings import settings_tables
 from .svg import DrawnFigure, data_uris, draw_figure
@@ -81,6 +82,13 @@ def render_page(run: Run, result: dict[str, Any], figures: Sequence[DrawnFigure]
         badge=_badge(run, result),
         headline=values[0] if values else _resistance(result),
         other_values=values[1:],
+        relation=format_text(relation_of_diffusivities(run)),
+        implications=[
+            format_text(line)
+            for line in implications(run, values[0][1] if values and not run.unreliable_reason else None)
+        ],
+        steps=[format_text(f"{step[:1].upper()}{step[1:]}".rstrip(".") + ".") for step in next_steps(run)],
+        first_figure=_first_figure(run),
         answer=answer(run, result),
         figures=_page_figures(run, figures),
         tables=number_tables(result, values[0][0] if values else ""),
@@ -101,6 +109,20 @@ def with_links(text: str, links: dict[str, str]) -> str:
     """
     shown = "; ".join(f'{escape(description)}: <a href="{name}">{name}</a>' for name, description in links.items())
     return re.sub(r'(?<=<p id="beside">).*?(?=</p>)', lambda _: shown, text, count=1)
+
+
+def _reliable(run: Run, values: list[tuple[str, dict[str, Any]]]) -> dict[str, Any] | None:
+    """The entry of the final diffusivity; None where it is not reliable."""
+    return values[0][1] if values and not run.unreliable_reason else None
+
+
+def _first_figure(run: Run) -> str:
+    """The figure that shows the answer."""
+    if run.diagnosis is not None:
+        return "missing"
+    if run.fit is not None:
+        return "estimate" if run.case.sensors else "flux"
+    return "campaign" if run.campaign is not None else "record" if run.check is not None else "design"
 
 
 def _badge(run: Run, result: dict[str, Any]) -> str:
