@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._internal.arrays import is_traced
 from .._internal.errors import InputError
 from .._internal.validation import format_value, spelling_hint, text
 from .row_times import STEP_TOLERANCE
@@ -128,6 +129,11 @@ def checked_regressors(given: Mapping[str, Any], rows: int, known: Sequence[str]
 
 def _numbers(name: str, given: object) -> np.ndarray:
     """An array of floats."""
+    if is_traced(given):
+        raise InputError(
+            f"{name} is traced by JAX, and a record holds measured numbers; to differentiate by temperatures, put them "
+            "in the `inputs` of `wallid.models.window_data(case)`"
+        )
     try:
         return np.asarray(given, float)
     except (TypeError, ValueError) as error:
