@@ -207,7 +207,7 @@ def test_questions_and_answers(tmp_path):
         return read(words.get(asks.split()[0], default))
 
     case = new_case(tmp_path / "record.csv", ask=ask)
-    assert [default for _, default in asked] == [None, "T_left", "T_right", None, "", "", "", "0.1"]
+    assert [default for _, default in asked] == [None, "T_left", "T_right", None, "none", "none", "", "0.1"]
     assert [question.count("T_left (temperature") for question, _ in asked] == [0, 1, 0, 0, 0, 0, 0, 0], "told once"
     assert [sensor.name for sensor in case.sensors] == ["T1"]
     assert (case.name, case.path) == (tmp_path.name, tmp_path / "case.toml")

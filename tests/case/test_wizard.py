@@ -65,6 +65,12 @@ def test_columns_are_suggested_by_their_names(new, tmp_path, outdoors, indoors, 
     assert f'air_outdoor = "{outdoors}"' in case and f'irradiance = "{sun}"' in case
 
 
+def test_a_suggestion_can_be_declined(new, tmp_path):
+    ended = new(with_columns(**{"Außenluft": 4.0}), *OPTIONS, "--outside", "right", said=["0.1", "0.2", "none", "", ""])
+    assert ended.exit_code == 0, ended.stderr
+    assert not wallid.load(tmp_path).record.regressors
+
+
 def test_a_face_is_suggested_before_the_air(tmp_path):
     lines = with_columns(**{"Luft außen": 4.0, "Wand außen": 5.0, "Wand innen": 19.0})
     defaults = []
@@ -100,7 +106,7 @@ def test_no_brackets_but_for_a_default(new):
     text = with_columns(flux=np.linspace(5.0, 9.0, 120))
     ended = new(text, said=["0.3", "", "", "right", "", "", "flux_left", "", ""])
     assert ended.exit_code == 0, ended.stderr
-    assert re.findall(r"\[(.*?)\]", ended.stderr) == ["T_left", "T_right", "0.1"]
+    assert re.findall(r"\[(.*?)\]", ended.stderr) == ["T_left", "T_right", "none", "none", "none", "0.1"]
 
 
 def test_a_column_has_one_use_and_a_use_one_column(new, tmp_path):

@@ -15,8 +15,12 @@ from .toml_writer import DEFAULT_NOISE_STD, REGRESSOR_UNITS, Answers
 
 _LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 _MAX_WITHOUT_UNIT = 3.0  # m; a larger number without a unit was probably meant in cm or mm
-_USES = "Uses of a column that is not in the wall\n" + "\n".join(
-    f"  {key}: {unit}" for key, unit in REGRESSOR_UNITS.items()
+_USES = "\n".join(
+    [
+        "Uses of a column that is not in the wall",
+        *(f"  {key}: {unit}" for key, unit in REGRESSOR_UNITS.items()),
+        "  none",
+    ]
 )
 
 T = TypeVar("T")
@@ -193,7 +197,7 @@ def _ask_use(answers: Answers, column: DetectedColumn, ask: Ask, heading: str) -
 
     def parse(text: str) -> str | float | None:
         use = text.strip()
-        if not use:
+        if use in ("", "none"):
             return None
         if use in REGRESSOR_UNITS:
             if use not in free:
@@ -202,7 +206,7 @@ def _ask_use(answers: Answers, column: DetectedColumn, ask: Ask, heading: str) -
         return _position(use, name, answers)
 
     position = "Position in the wall, m from the left face, or use" if column.kind == "temperature" else "Use"
-    use = ask(f"{heading}{position} of {column} (empty: none)", suggestion if suggestion in free else "", parse)
+    use = ask(f"{heading}{position} of {column}", suggestion if suggestion in free else "none", parse)
     if isinstance(use, float):
         return replace(answers, sensors={**positions, name: use})
     return answers if use is None else replace(answers, regressors={**answers.regressors, use: name})
@@ -213,7 +217,7 @@ def _position(text: str, name: str, answers: Answers) -> float:
     if not re.match(r"[+-]?[\d.,]", text):
         raise InputError(
             f"{name}: {text!r} is neither a position nor a use{spelling_hint(text, REGRESSOR_UNITS)}; a position is a "
-            f"number, uses are {', '.join(REGRESSOR_UNITS)}"
+            f"number, uses are {', '.join(REGRESSOR_UNITS)} and none"
         )
     position, length, taken = parse_length(f"position of {name}", text), answers.length, answers.sensors or {}
     if length is not None and not 0.0 < position < length:
