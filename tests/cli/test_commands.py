@@ -223,6 +223,28 @@ def test_version():
     assert CliRunner().invoke(app, ["--version"]).output.strip() == wallid.__version__
 
 
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [("wallid es", ["estimate"]), ("wallid run --int", ["--integrator"]), ("wallid design x --robust w", ["worst"])],
+)
+def test_a_shell_completes_commands_options_and_values(typed, offered):
+    asked = {"_WALLID_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split()) - 1)}
+    ended = CliRunner().invoke(app, [], prog_name="wallid", env=asked)
+    assert ended.exit_code == 0 and ended.output.split() == offered
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_can_be_shown_and_installed(monkeypatch, tmp_path, shell):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION", "1")  # the shell is then stated
+    shown = CliRunner().invoke(app, ["--show-completion", shell], prog_name="wallid")
+    assert shown.exit_code == 0 and f"complete_{shell}" in shown.output and "wallid" in shown.output
+    installed = CliRunner().invoke(app, ["--install-completion", shell], prog_name="wallid")
+    assert installed.exit_code == 0, installed.output
+    written = [path for path in tmp_path.rglob("*") if path.is_file() and "wallid" in path.name]
+    assert written and f"complete_{shell}" in written[0].read_text()
+
+
 def test_with_a_window_by_hand_its_own_fit_decides():
     """A design that finds nothing at the prior does not overrule the fit of a window that was named."""
     case = wallid.load("saint_julien")

@@ -15,7 +15,9 @@ from dataclasses import MISSING, fields
 from typing import Any, SupportsFloat, TypeVar
 
 import numpy as np
+from jax.core import Tracer
 
+from .arrays import known_value
 from .errors import InputError
 
 T = TypeVar("T")
@@ -58,7 +60,9 @@ def number(
     maximum: float | None = None,
     hint: str = "",
 ) -> float:
-    """A finite number within limits, as a float.
+    """A finite number within limits, as a float; a number that JAX traces is returned as it is.
+
+    Of a traced number only a known value is checked.
 
     Args:
         name: of the field, for the message.
@@ -70,6 +74,11 @@ def number(
     Raises:
         InputError: the value is not a number (a bool or a text is not), not finite, or outside the limits.
     """
+    if isinstance(value, Tracer) and value.shape == ():
+        known = known_value(value)
+        if known is not None:
+            number(name, known, unit, above=above, minimum=minimum, maximum=maximum, hint=hint)
+        return value  # pyright: ignore[reportReturnType]
     limits = [
         f"{word} {limit:g}"
         for word, limit in (("above", above), ("at least", minimum), ("at most", maximum))
@@ -81,7 +90,7 @@ def number(
         raise error
     try:
         result = float(value)
-    except (TypeError, ValueError, OverflowError):  # an array, a traced value, 10**400
+    except (TypeError, ValueError, OverflowError):  # an array, 10**400
         raise error from None
     if not math.isfinite(result):
         raise error

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._internal.arrays import is_traced, numpy_for, powers
 from .case_definition import Case
 from .scaling import Scales
 from .time_window import Window
@@ -50,23 +51,24 @@ def fit_profile(case: Case, row: int) -> InitialProfile:
         no_derivative = np.zeros((count, len(case.sensors)))
         return InitialProfile(np.pad(np.asarray(stated, float), (0, count - len(stated))), no_derivative, None)
     record, length = case.record, case.wall.length
-    positions = np.array([0.0, 1.0, *(sensor.position / length for sensor in case.sensors)])
+    places = [sensor.position / length for sensor in case.sensors]
+    xp = numpy_for(*places)
+    positions = xp.array([0.0, 1.0, *places])
     readings = np.concatenate([record.faces[row], record.sensors[row]])
     present = np.isfinite(readings)
     degree = min(case.choices.initial_profile, int(present.sum()) - 1)
-    basis = np.vander(positions[present], degree + 1, increasing=True)
-    per_reading = np.zeros((count, len(positions)))
-    per_reading[: degree + 1, present] = np.linalg.pinv(basis)
-    coefficients = per_reading[:, present] @ readings[present]
+    basis = powers(positions[present], degree + 1)
+    of_present = xp.pad(xp.linalg.pinv(basis), ((0, count - degree - 1), (0, 0)))
+    coefficients = of_present @ readings[present]
     residual = basis @ coefficients[: degree + 1] - readings[present]
-    return InitialProfile(coefficients, per_reading[:, 2:], float(np.sqrt(np.mean(residual**2))))
+    eps_2 = xp.sqrt(xp.mean(residual**2))
+    per_reading = of_present @ np.eye(len(positions))[present]
+    return InitialProfile(coefficients, per_reading[:, 2:], eps_2 if is_traced(eps_2) else float(eps_2))
 
 
 def dimensionless_profile(coefficients: np.ndarray, scale: Scales) -> np.ndarray:
     """The coefficients of a profile in dimensionless temperature u; T_min enters the constant only."""
-    shifted = np.array(coefficients, float)
-    shifted[0] -= scale.temperature_min
-    return shifted / scale.temperature
+    return (coefficients - scale.temperature_min * np.eye(len(coefficients))[0]) / scale.temperature
 
 
 PROFILE_MODES = 8

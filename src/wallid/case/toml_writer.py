@@ -11,6 +11,17 @@ from ..records.file_format import FileFormat
 
 DEFAULT_PRIOR = 5e-7  # m2/s, between brick and stone
 DEFAULT_NOISE_STD = 0.1  # K
+REGRESSOR_UNITS = {
+    "irradiance": "W/m2, on the outer face",
+    "air_outdoor": "degC, of the outdoor air",
+    "air_indoor": "degC, of the indoor air",
+    "wind": "m/s",
+    "rain": "mm/h",
+    "heating": "0 to 1, or W",
+    "flux_left": "W/m2 at the left face, positive along +x",
+    "flux_right": "W/m2 at the right face, positive along +x",
+}
+"""What each regressor of `[record]` is measured in."""
 _WIDTH = 30  # characters of a key and its value, before the comment
 
 
@@ -22,8 +33,9 @@ class Answers:
         time, left, right: columns of the times and of the face temperatures.
         length: of the wall, m.
         sensors: position of each sensor, m from the left face, by column.
-        fluxes: column of the heat flux, by "flux_left" and "flux_right".
+        regressors: other columns by their key in `[record]`, such as "flux_left", "irradiance" or "air_outdoor".
         outside: the face outdoors, "left" or "right".
+        conductivity: W/m/K; 0 where it is not known.
         prior: prior diffusivity, m2/s.
         noise: standard deviation of the sensors' noise, K.
         file_format: what the file itself does not show, such as the order of day and month.
@@ -34,14 +46,28 @@ class Answers:
     right: str | None = None
     length: float | None = None
     sensors: Mapping[str, float] | None = None
-    fluxes: Mapping[str, str] = field(default_factory=dict)
+    regressors: Mapping[str, str] = field(default_factory=dict)
     outside: str | None = None
+    conductivity: float | None = None
     prior: float = DEFAULT_PRIOR
-    noise: float = DEFAULT_NOISE_STD
+    noise: float | None = None
     file_format: FileFormat = field(default_factory=FileFormat)
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns that have a use."""
+        named = (self.time, self.left, self.right, *(self.sensors or ()), *self.regressors.values())
+        return tuple(name for name in named if name is not None)
 
-def write_toml(record_path: str, answers: Answers, units: Mapping[str, str], days: float) -> str:
+    @property
+    def has_channel(self) -> bool:
+        """Whether there is a sensor inside the wall or a heat flux, of which a case needs one."""
+        return bool(self.sensors) or any(key.startswith("flux_") for key in self.regressors)
+
+
+def write_toml(
+    record_path: str, answers: Answers, units: Mapping[str, str], days: float, *, fault: str | None = None
+) -> str:
     """The text of a case file.
 
     Args:
@@ -49,8 +75,11 @@ def write_toml(record_path: str, answers: Answers, units: Mapping[str, str], day
         answers: the user's description of the record.
         units: of sensors whose unit differs from that of the faces.
         days: length of the window.
+        fault: why the case cannot be used as it is, for the first lines.
     """
+    faults = [] if fault is None else [f"# This case must be corrected first: {' '.join(fault.split())}"]
     lines = [
+        *faults,
         f"# Case for `wallid check` and `wallid run`, by `wallid new` for {json.dumps(Path(record_path).name)}.",
         "# Temperatures in degC, differences in K, everything else in SI. x = 0 is the left face.",
         "",
@@ -58,28 +87,32 @@ def write_toml(record_path: str, answers: Answers, units: Mapping[str, str], day
         _key_line("length", answers.length, "m, between the two faces"),
         _key_line("diffusivity_prior", answers.prior, "m2/s, initial value: brick 5e-7, stone 1e-6, concrete 7e-7"),
         _key_line("outside", answers.outside or "left", "the face outdoors"),
-        _key_line("# conductivity", 1.0, "W/m/K; heat fluxes and loads need it"),
+        _key_line(
+            "conductivity" if answers.conductivity else "# conductivity",
+            answers.conductivity or 1.0,
+            "W/m/K; heat fluxes and loads need it",
+        ),
         "",
         "[record]",
         _key_line("file", record_path, "relative to the folder of this file"),
         _key_line("time", answers.time, "column of times"),
         _key_line("left", answers.left, "column of the face at x = 0"),
         _key_line("right", answers.right, "column of the face at x = length"),
-        *(_key_line(key, name, "W/m2, positive along +x") for key, name in answers.fluxes.items()),
-        _key_line("# irradiance", "...", "column, W/m2 on the outer face; for diagnose, like"),
-        f"{'#':<{_WIDTH}} # air_outdoor, air_indoor (degC), wind (m/s), rain (mm/h), heating",
+        *(_key_line(key, name, REGRESSOR_UNITS[key]) for key, name in answers.regressors.items()),
+        *_unused_regressor_lines(answers),
         *_format_lines(answers.file_format),
         _key_line("# boundary_noise_std", 0.1, "K, noise of the face readings; default: smallest of the sensors"),
         _key_line("# face_position_std", 0.002, "m, standard deviation of the face sensors' position; default 0"),
         _key_line("# longest_gap", 3.0, "hours; shorter gaps of a face are interpolated, longer ones split the record"),
     ]
+    noise = DEFAULT_NOISE_STD if answers.noise is None else answers.noise
     for name, position in (answers.sensors or {}).items():
         lines += [
             "",
             "[[sensor]]",
             _key_line("name", name, "its column"),
             _key_line("position", position, "m from the left face"),
-            _key_line("noise_std", answers.noise, "K, standard deviation of a reading: see the data sheet"),
+            _key_line("noise_std", noise, "K, standard deviation of a reading: see the data sheet"),
             _key_line("position_std", 0.005, "m, standard deviation of the position"),
             _key_line("offset_std", 0.1, "K, standard deviation of a constant offset; 0 after calibration"),
         ]
@@ -94,6 +127,16 @@ def write_toml(record_path: str, answers: Answers, units: Mapping[str, str], day
         "",
     ]
     return "\n".join(lines)
+
+
+def _unused_regressor_lines(answers: Answers) -> list[str]:
+    """The other columns that `diagnose` can use."""
+    unused = [key for key in REGRESSOR_UNITS if key not in answers.regressors and not key.startswith("flux_")]
+    if not unused:
+        return []
+    first, *others = unused
+    lines = [_key_line(f"# {first}", "...", f"column, {REGRESSOR_UNITS[first]}; for diagnose")]
+    return [*lines, f"{'#':<{_WIDTH}} # likewise {', '.join(others)}"] if others else lines
 
 
 def _format_lines(file_format: FileFormat) -> list[str]:

@@ -1,4 +1,7 @@
-"""The wall, its layers and its sensors, in SI units; x is the distance from the left face, m."""
+"""The wall, its layers and its sensors, in SI units; x is the distance from the left face, m.
+
+JAX may trace the numbers of a wall, a layer or a sensor. Of a traced number only a known value is checked.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from dataclasses import KW_ONLY, dataclass
 from itertools import accumulate
 from typing import Literal, no_type_check
 
+from .._internal.arrays import known_value
 from .._internal.errors import InputError
 from .._internal.validation import error_context, number, one_of, set_fields, text
 
@@ -78,12 +82,16 @@ class Wall:
             if getattr(self, name) is not None:
                 set_fields(self, **{name: number(name, getattr(self, name), unit, above=0.0)})
         one_of("outside", self.outside, SIDES)
-        total = sum(layer.thickness for layer in self.layers)
-        if self.layers and abs(total - self.length) > _THICKNESS_TOLERANCE * self.length:
-            raise InputError(
-                f"the layers' thicknesses sum to {total:.9g} m; they must sum to length = {self.length!r} m"
-            )
+        if self.layers:
+            self._check_thicknesses()
         set_fields(self, diffusivity_prior=self._prior())
+
+    def _check_thicknesses(self) -> None:
+        total, length = known_value(sum(layer.thickness for layer in self.layers)), known_value(self.length)
+        if total is None or length is None:  # traced by JAX
+            return
+        if abs(total - length) > _THICKNESS_TOLERANCE * length:
+            raise InputError(f"the layers' thicknesses sum to {total:.9g} m; they must sum to length = {length!r} m")
 
     @property
     def inside(self) -> Side:
@@ -118,7 +126,7 @@ class Wall:
     def _prior(self) -> float:
         """The prior diffusivity, m2/s: as stated, or derived from the other properties."""
         value, basis, hint = self.diffusivity_prior, "", _UNITS_OF_DIFFUSIVITY
-        if isinstance(value, float) and math.isnan(value):
+        if isinstance(value, float) and math.isnan(value):  # a traced value is stated
             hint = _UNITS_OF_CAPACITY
             if self.conductivity is not None and self.heat_capacity is not None:
                 value, basis = self.conductivity / self.heat_capacity, " (conductivity / heat_capacity)"
@@ -182,15 +190,13 @@ def check_sensors(wall: Wall, sensors: Sequence[Sensor]) -> None:
     """
     for count, sensor in enumerate(sensors, start=1):
         with error_context(sensor_label(count, sensor.name)):
-            if not 0.0 < sensor.position < wall.length:
+            position, length = known_value(sensor.position), known_value(wall.length)
+            if position is not None and length is not None and not 0.0 < position < length:
                 raise InputError(
-                    f"position = {sensor.position!r} m is not inside the wall; it must lie between 0 and "
-                    f"length = {wall.length!r} m"
+                    f"position = {position!r} m is not inside the wall; it must lie between 0 and length = {length!r} m"
                 )
             for other, earlier in enumerate(sensors[: count - 1], start=1):
                 if sensor.name == earlier.name:
                     raise InputError(f"name is that of [[sensor]] {other}; names must differ")
-                if sensor.position == earlier.position:
-                    raise InputError(
-                        f"position = {sensor.position!r} m is that of [[sensor]] {other}; positions must differ"
-                    )
+                if position is not None and position == known_value(earlier.position):
+                    raise InputError(f"position = {position!r} m is that of [[sensor]] {other}; positions must differ")

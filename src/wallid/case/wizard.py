@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shlex
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +18,17 @@ from ..records.uniform_record import Record, read_record
 from .case_definition import Case
 from .case_file import load
 from .toml_writer import Answers, write_toml
-from .wizard_dialogue import Ask, ask_missing, guess_outdoor_face, parse_length
+from .wizard_corrections import ask_again
+from .wizard_dialogue import (
+    Ask,
+    ask_missing,
+    guess_outdoor_face,
+    parse_length,
+    suggested_face,
+    suggested_use,
+)
+
+_COLUMN_OPTIONS = ("irradiance", "air_outdoor", "air_indoor", "flux_left", "flux_right")
 
 __all__ = ["Answers", "Ask", "new_case", "parse_length", "parse_sensor"]
 
@@ -41,7 +53,10 @@ def new_case(
     force: bool = False,
     ask: Ask | None = None,
 ) -> Case:
-    """Write a `case.toml` for a record; the file is written only if the case loads.
+    """Write a `case.toml` for a record, and load it.
+
+    Where the finished case cannot be used, the user is asked which answer to change. Without a user, or on request, the
+    file is written as it is, with the fault in its first line.
 
     Args:
         record: the CSV file.
@@ -54,40 +69,82 @@ def new_case(
         The case, loaded from the new file.
 
     Raises:
-        InputError: a value is missing or invalid; no file is written.
+        InputError: a value is missing, no file is written; or the case that was written cannot be used.
     """
     record = Path(record)
     target = record.parent / "case.toml" if to is None else Path(to)
+    _check_target(target, force)
+    answers = answers or Answers()
+    detected = detect_columns(record, answers.file_format, answers.time)
+    answers = _complete(record, answers, detected, ask)
+    record_path = Path(os.path.relpath(record.resolve(), target.resolve().parent)).as_posix()
+    while True:
+        try:
+            text = _valid_text(record, record_path, answers, detected)
+            case = _loaded(target, text)
+        except InputError as error:
+            fault = str(error)
+        else:
+            _write(target, text)
+            return case
+        changed = None
+        if ask is not None:
+            with suppress(InputError):  # the user has stopped: the answers are kept in the file
+                changed = ask_again(answers, detected, ask, fault)
+        if changed is None:
+            _write(target, write_toml(record_path, answers, {}, 3.0, fault=fault))
+            raise InputError(
+                f"{target} is written and cannot be used yet: {fault}. Edit it, then `wallid check {target}`"
+            )
+        answers = changed
+
+
+def _check_target(target: Path, force: bool) -> None:
+    """Raise an error before the first question where the answers could not be written."""
     if target.exists() and not force:
         raise InputError(f"{target} exists; --force writes over it, --to FILE writes another")
     if not target.parent.is_dir():
         raise InputError(f"{target}: there is no folder {target.parent}; make it first")
-    answers = answers or Answers()
-    detected = detect_columns(record, answers.file_format, answers.time)
-    answers = _complete(record, answers, detected, ask)
+    if target.is_dir() or not os.access(target.parent, os.W_OK):
+        raise InputError(f"{target}: cannot be written; --to FILE writes another")
+
+
+def _valid_text(record: Path, record_path: str, answers: Answers, detected: DetectedColumns) -> str:
+    """The text of the case, after the record has been read as the answers say."""
     answers = replace(answers, file_format=_with_unit(answers, detected))
     units = _sensor_units(answers, detected)
-    days = _window_days(_read(record, answers, units))
-    record_path = Path(os.path.relpath(record.resolve(), target.resolve().parent)).as_posix()
-    return _write_checked(target, write_toml(record_path, answers, units, days))
+    return write_toml(record_path, answers, units, _window_days(_read(record, answers, units)))
 
 
-def _write_checked(target: Path, text: str) -> Case:
-    """Write the text to a temporary file, load it, and move it to the target if it loads."""
-    draft = target.with_name(f".wallid-{os.getpid()}-{target.name}")
+def _draft(target: Path) -> Path:
+    return target.with_name(f".wallid-{os.getpid()}-{target.name}")
+
+
+def _loaded(target: Path, text: str) -> Case:
+    """The case that the text is, loaded from a temporary file beside the target."""
+    draft = _draft(target)
     try:
-        try:
-            draft.write_text(text, encoding="utf-8")
-            case = load(draft)
-            os.replace(draft, target)
-        finally:
-            draft.unlink(missing_ok=True)
+        draft.write_text(text, encoding="utf-8")
+        case = load(draft)
     except OSError as error:
         raise InputError(f"{target}: cannot be written ({error.strerror or error})") from error
     except InputError as error:
         raise InputError(str(error).replace(str(draft), str(target))) from error
+    finally:
+        draft.unlink(missing_ok=True)
     name = target.resolve().parent.name if target.name == "case.toml" else target.stem
     return replace(case, name=name or case.name, path=target)
+
+
+def _write(target: Path, text: str) -> None:
+    """Write the text by way of a temporary file, so that an existing file is replaced as a whole."""
+    draft = _draft(target)
+    try:
+        draft.write_text(text, encoding="utf-8")
+        os.replace(draft, target)
+    except OSError as error:
+        draft.unlink(missing_ok=True)
+        raise InputError(f"{target}: cannot be written ({error.strerror or error})") from error
 
 
 def _read(path: Path, answers: Answers, units: dict[str, str]) -> Record:
@@ -98,7 +155,7 @@ def _read(path: Path, answers: Answers, units: dict[str, str]) -> Record:
         left=answers.left,
         right=answers.right,
         sensors=list(answers.sensors or ()),
-        regressors=dict(answers.fluxes),
+        regressors=dict(answers.regressors),
         file_format=answers.file_format,
         units=units,
     )
@@ -135,9 +192,9 @@ def _window_days(record: Record) -> float:
 
 def _complete(record: Path, answers: Answers, detected: DetectedColumns, ask: Ask | None) -> Answers:
     """The answers with the values that a case needs; the user is asked for missing ones if `ask` is not None."""
-    for name in (answers.time, answers.left, answers.right, *(answers.sensors or ()), *answers.fluxes.values()):
+    for name in answers.columns:
         known = [column.name for column in detected.columns]
-        if name is not None and name not in known:
+        if name not in known:
             raise InputError(
                 f'{record}: no column "{name}"; the columns are {", ".join(known)}{spelling_hint(name, known)}'
             )
@@ -155,10 +212,33 @@ def _complete(record: Path, answers: Answers, detected: DetectedColumns, ask: As
 def _raise_missing(record: Path, answers: Answers, detected: DetectedColumns) -> None:
     """Raise an error that names the missing options, as nobody can be asked without a terminal."""
     missing = [f"--{name}" for name in ("length", "left", "right") if getattr(answers, name) is None]
-    if not answers.sensors and not answers.fluxes:
+    if not answers.has_channel:
         missing.append("--sensor NAME=POSITION (m from the left face), or --flux-left or --flux-right")
     if missing:
         columns = ", ".join(map(str, detected.columns))
-        raise InputError(f"{record}: no terminal for questions; give {', '.join(missing)}. The columns are {columns}")
+        suggested = _suggested_options(answers, detected)
+        raise InputError(
+            f"{record}: no terminal for questions; give {', '.join(missing)}. The columns are {columns}"
+            + (f". By their names: {' '.join(suggested)}" if suggested else "")
+        )
     if answers.file_format.day_first is None and detected.ambiguous:
         raise InputError(f"{record}: dates begin with the day or the month; give --day-first or --month-first")
+
+
+def _suggested_options(answers: Answers, detected: DetectedColumns) -> list[str]:
+    """The options for columns whose names show their use."""
+    temperatures, options = detected.of_kind("temperature", "number"), list[str]()
+    left = answers.left or suggested_face(temperatures, "left", answers.right)
+    right = answers.right or suggested_face(temperatures, "right", left)
+    uses: dict[str, str] = {}
+    for key, name in (("left", left), ("right", right)):
+        if name is not None:
+            uses[key] = name
+    for column in detected.columns:
+        use = suggested_use(column)
+        if use in _COLUMN_OPTIONS and column.name not in (*uses.values(), *answers.columns):
+            uses.setdefault(use, column.name)
+    for key, name in uses.items():
+        if getattr(answers, key, None) is None and key not in answers.regressors:
+            options.append(f"--{key.replace('_', '-')} {shlex.quote(name)}")
+    return options

@@ -23,7 +23,6 @@ T = TypeVar("T")
 app = typer.Typer(
     name="wallid",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
@@ -106,9 +105,24 @@ def new(
     flux_right: Annotated[
         str | None, typer.Option("--flux-right", help="Column of the heat flux, W/m2, along +x.")
     ] = None,
+    irradiance: Annotated[
+        str | None, typer.Option("--irradiance", help="Column of the irradiance on the outer face, W/m2.")
+    ] = None,
+    air_outdoor: Annotated[
+        str | None, typer.Option("--air-outdoor", help="Column of the temperature of the outdoor air.")
+    ] = None,
+    air_indoor: Annotated[
+        str | None, typer.Option("--air-indoor", help="Column of the temperature of the indoor air.")
+    ] = None,
     outside: Annotated[Literal["left", "right"] | None, typer.Option("--outside", help="The face outdoors.")] = None,
+    conductivity: Annotated[
+        float | None, typer.Option("--conductivity", help="Thermal conductivity, W/m/K; default: not known.")
+    ] = None,
     prior: Annotated[float, typer.Option("--prior", help="Prior diffusivity, m2/s.")] = DEFAULT_PRIOR,
-    noise: Annotated[float, typer.Option("--noise", help="Standard deviation of a reading, K.")] = DEFAULT_NOISE_STD,
+    noise: Annotated[
+        float | None,
+        typer.Option("--noise", help=f"Standard deviation of a reading, K; default {DEFAULT_NOISE_STD:g}."),
+    ] = None,
     unit: Annotated[Literal["degC", "degF", "K"] | None, typer.Option("--unit", help="Of the temperatures.")] = None,
     day_first: Annotated[
         bool | None, typer.Option("--day-first/--month-first", help="Order in dates such as 03/04/2020.")
@@ -124,8 +138,14 @@ def new(
 ) -> None:
     """Write a new case.toml for a logger's file.
 
-    The command asks for each value that is not given as an option. Without a terminal such a value is an error.
+    The command asks for each value that is not given as an option, and suggests columns by their names. If the
+    finished case cannot be used, it says why and asks again. Without a terminal a missing value is an error; a case
+    that cannot be used is written all the same, with exit status 2 and what must be edited.
     """
+    columns = {
+        "flux_left": flux_left, "flux_right": flux_right, "irradiance": irradiance, "air_outdoor": air_outdoor,
+        "air_indoor": air_indoor,
+    }  # fmt: skip
     try:
         answers = Answers(
             time=time,
@@ -133,8 +153,9 @@ def new(
             right=right,
             length=None if length is None else parse_length("--length", length),
             sensors=None if not sensor else dict(map(parse_sensor, sensor)),
-            fluxes={key: name for key, name in (("flux_left", flux_left), ("flux_right", flux_right)) if name},
+            regressors={key: name for key, name in columns.items() if name},
             outside=outside,
+            conductivity=conductivity,
             prior=prior,
             noise=noise,
             file_format=FileFormat(unit=unit, day_first=day_first, timezone=timezone),
@@ -283,5 +304,5 @@ def diagnose(
 
 
 def command() -> None:
-    """Entry point of the program `wallid`."""
-    app()
+    """Entry point of the program `wallid`, also as `python -m wallid`."""
+    app(prog_name="wallid")  # the name for which a shell completes, however the program was started

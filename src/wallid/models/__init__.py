@@ -3,7 +3,7 @@
 from .._internal.xla_options import prepare_xla
 from .batching import stack, sweep
 from .exponential_solver import Exponential
-from .finite_volume_wall import Output, finite_volume_model
+from .finite_volume_wall import Output, finite_volume_model, layer_cells
 from .integration import propagate, simulate, stable_substeps
 from .sensitivity_equations import autodiff, explicit, sensitivity
 from .state_space import StateSpace
@@ -18,6 +18,7 @@ __all__ = [
     "explicit",
     "finite_volume_model",
     "full_order_model",
+    "layer_cells",
     "prepare_xla",
     "propagate",
     "sensitivity",

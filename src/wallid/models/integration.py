@@ -14,6 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from equinox.internal import nondifferentiable_backward
 from jax.core import Tracer
 from jaxtyping import Array, Float, ScalarLike
 
@@ -30,6 +31,18 @@ _FLOAT = np.dtype(float)
 ArrayLike = Array | np.ndarray
 
 Outputs = Float[Array, "time output"]
+
+FORWARD = diffrax.ForwardMode()
+_REVERSE_ADJOINT = (
+    "simulate: adjoint = ForwardMode() is for forward mode (jax.jvp, jax.jacfwd) only; for reverse mode (jax.grad, "
+    "jax.vjp, jax.jacrev) give `adjoint=diffrax.RecursiveCheckpointAdjoint()`, or use `wallid.models.propagate`, which "
+    "takes both"
+)
+_FORWARD_ADJOINT = (
+    "simulate: adjoint = {}() is for reverse mode (jax.grad, jax.vjp, jax.jacrev) only; for forward mode (jax.jvp, "
+    "jax.jacfwd) give `adjoint=diffrax.ForwardMode()`, for both `adjoint=diffrax.DirectAdjoint()`, or use "
+    "`wallid.models.propagate`, which takes both"
+)
 
 
 class StepToRows(diffrax.StepTo):
@@ -59,7 +72,7 @@ def simulate(
     solver: diffrax.AbstractSolver = Exponential(),  # noqa: B008 (immutable)
     controller: diffrax.AbstractAdaptiveStepSizeController | None = None,
     substeps: int = 1,
-    adjoint: diffrax.AbstractAdjoint = diffrax.ForwardMode(),  # noqa: B008 (immutable)
+    adjoint: diffrax.AbstractAdjoint = FORWARD,
     max_steps: int | None = None,
 ) -> tuple[Outputs, Outputs | None]:
     """The outputs of a model, by diffrax.
@@ -78,7 +91,9 @@ def simulate(
             `2 / (Fo |lambda|_max)`, see `stable_substeps`), or an implicit one.
         controller: None for `substeps` equal steps between rows. An adaptive controller also steps to every row.
         substeps: number of equal steps between rows.
-        adjoint: `ForwardMode()` for forward-mode derivatives, diffrax's other ones for reverse mode.
+        adjoint: how diffrax is differentiated: `diffrax.ForwardMode()` in forward mode (`jax.jvp`, `jax.jacfwd`),
+            `diffrax.RecursiveCheckpointAdjoint()` in reverse mode (`jax.grad`, `jax.jacrev`), and the slower
+            `diffrax.DirectAdjoint()` in both, such as forward over reverse.
         max_steps: for an adaptive controller; None takes 64 steps per row, at least 4096.
 
     Returns:
@@ -88,6 +103,8 @@ def simulate(
     Raises:
         ValueError: shapes that do not fit the model; times that do not increase (inside a compiled function they
             give NaN); `Exponential` with an adaptive controller.
+        RuntimeError: reverse mode with `ForwardMode`.
+        TypeError: forward mode with `RecursiveCheckpointAdjoint`.
     """
     # arrays, because JAX would compile the program again for each new Python number
     fourier, time, inputs, initial = (_as_array(value) for value in (fourier, time, inputs, initial))
@@ -98,9 +115,14 @@ def simulate(
         raise ValueError("simulate: the exact solver gives no error estimate; omit `controller`")
     if not isinstance(time, Tracer) and not np.all(np.diff(time) > 0):
         raise ValueError("simulate: the times must increase from row to row")
-    return _simulate(
-        system, fourier, time, inputs, initial, sensitivity, solver, controller, substeps, adjoint, max_steps
-    )
+    try:
+        return _simulate(
+            system, fourier, time, inputs, initial, sensitivity, solver, controller, substeps, adjoint, max_steps
+        )
+    except TypeError as error:
+        if "custom_vjp" in str(error):
+            raise TypeError(_FORWARD_ADJOINT.format(type(adjoint).__name__)) from error
+        raise
 
 
 @eqx.filter_jit
@@ -145,7 +167,8 @@ def _simulate(
         throw=False,
     )
     increasing = jnp.all(jnp.diff(time) > 0)
-    return jax.tree.map(lambda rows: jnp.where(increasing, rows[::substeps], jnp.nan), solution.ys)
+    rows = jax.tree.map(lambda rows: jnp.where(increasing, rows[::substeps], jnp.nan), solution.ys)
+    return nondifferentiable_backward(rows, msg=_REVERSE_ADJOINT) if isinstance(adjoint, diffrax.ForwardMode) else rows
 
 
 def propagate(
@@ -160,6 +183,7 @@ def propagate(
     """The outputs of a model on uniform rows, equal to those of `simulate` with the exact solver.
 
     The exact step is computed once. The rows are processed in segments, and only the states of one segment are stored.
+    It is differentiable in forward and reverse mode by all its arrays.
 
     Args:
         system: a full-order or reduced-order model.
@@ -226,12 +250,16 @@ def run_rows(
     *,
     sensitivity: bool = False,
     integrator: Integrator = "propagator",
+    adjoint: diffrax.AbstractAdjoint = FORWARD,
 ) -> tuple[Outputs, Outputs | None]:
-    """The outputs on uniform rows, `step` in t_ref, by `propagate` or by `simulate` with the exact solver."""
+    """The outputs on uniform rows, `step` in t_ref, by `propagate` or by `simulate` with the exact solver.
+
+    `adjoint` is that of `simulate`; the propagator is differentiable in forward and reverse mode without one.
+    """
     if integrator == "propagator":
         return propagate(system, fourier, step, inputs, initial, sensitivity=sensitivity)
     time = jnp.asarray(step) * jnp.arange(inputs.shape[0])
-    return simulate(system, fourier, time, inputs, initial, sensitivity=sensitivity)
+    return simulate(system, fourier, time, inputs, initial, sensitivity=sensitivity, adjoint=adjoint)
 
 
 def stable_substeps(system: StateSpace, fourier: float, step: float) -> int:

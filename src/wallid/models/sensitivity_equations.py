@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from typing import Literal
 
+import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, ScalarLike
 
 from .._internal.validation import one_of
-from .integration import Integrator, Outputs, run_rows
+from .integration import FORWARD, Integrator, Outputs, run_rows
 from .state_space import StateSpace
 from .window_inputs import WindowData
 
@@ -27,10 +28,11 @@ def simulate_window(
     *,
     sensitivity: bool = False,
     integrator: Integrator = "propagator",
+    adjoint: diffrax.AbstractAdjoint = FORWARD,
 ) -> tuple[Outputs, Outputs | None]:
     """u and theta at the rows of a window; theta is None without `sensitivity`."""
     inputs = data.step, data.inputs, data.initial
-    return run_rows(system, fourier, *inputs, sensitivity=sensitivity, integrator=integrator)
+    return run_rows(system, fourier, *inputs, sensitivity=sensitivity, integrator=integrator, adjoint=adjoint)
 
 
 def profile_response(
@@ -47,21 +49,33 @@ def profile_response(
 
 
 def explicit(
-    system: StateSpace, fourier: ScalarLike, data: WindowData, *, integrator: Integrator = "propagator"
+    system: StateSpace,
+    fourier: ScalarLike,
+    data: WindowData,
+    *,
+    integrator: Integrator = "propagator",
+    adjoint: diffrax.AbstractAdjoint = FORWARD,
 ) -> tuple[Outputs, Outputs]:
     """u and theta by the explicit theta system."""
-    u, theta = simulate_window(system, fourier, data, sensitivity=True, integrator=integrator)
+    u, theta = simulate_window(system, fourier, data, sensitivity=True, integrator=integrator, adjoint=adjoint)
     assert theta is not None
     return u, theta
 
 
 def autodiff(
-    system: StateSpace, fourier: ScalarLike, data: WindowData, *, integrator: Integrator = "propagator"
+    system: StateSpace,
+    fourier: ScalarLike,
+    data: WindowData,
+    *,
+    integrator: Integrator = "propagator",
+    adjoint: diffrax.AbstractAdjoint = FORWARD,
 ) -> tuple[Outputs, Outputs]:
     """u and theta by forward-mode differentiation of u."""
     fourier = jnp.asarray(fourier, dtype=float)
     return jax.jvp(
-        lambda fo: simulate_window(system, fo, data, integrator=integrator)[0], (fourier,), (jnp.ones_like(fourier),)
+        lambda fo: simulate_window(system, fo, data, integrator=integrator, adjoint=adjoint)[0],
+        (fourier,),
+        (jnp.ones_like(fourier),),
     )
 
 
@@ -72,6 +86,7 @@ def sensitivity(
     *,
     method: Literal["explicit", "autodiff"] = "explicit",
     integrator: Integrator = "propagator",
+    adjoint: diffrax.AbstractAdjoint = FORWARD,
 ) -> tuple[Outputs, Outputs]:
     """The outputs `u` of a model and their sensitivity `theta = du/dFo` over a window.
 
@@ -82,15 +97,20 @@ def sensitivity(
         method: "explicit" integrates the theta system beside the field; "autodiff" differentiates the integration of
             the field in forward mode. They agree to round-off.
         integrator: "propagator", the exact step from row to row, or "diffrax".
+        adjoint: of diffrax, as in `wallid.simulate`: how the results are differentiated again. "autodiff" needs one for
+            forward mode: `ForwardMode()` or, for reverse mode too, `DirectAdjoint()`.
 
     Returns:
         `u` and `theta`, both `(time, output)`, 1.
 
     Raises:
-        ValueError: another method.
+        ValueError: another method, or an adjoint for the propagator, which needs none.
     """
     one_of("method", method, ("explicit", "autodiff"))
-    return (explicit if method == "explicit" else autodiff)(system, fourier, data, integrator=integrator)
+    if integrator == "propagator" and adjoint is not FORWARD:
+        raise ValueError('sensitivity: adjoint is for integrator = "diffrax"; the propagator needs none: omit it')
+    by_method = explicit if method == "explicit" else autodiff
+    return by_method(system, fourier, data, integrator=integrator, adjoint=adjoint)
 
 
 @eqx.filter_custom_jvp

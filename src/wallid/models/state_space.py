@@ -213,10 +213,38 @@ class StateSpace(eqx.Module):
         )
 
 
+@jax.custom_jvp
+def symmetric_modes(
+    matrix: Float[Array, "node node"],
+) -> tuple[Float[Array, " node"], Float[Array, "node node"]]:
+    """Eigenvalues and eigenvectors of a symmetric matrix, with a derivative that is finite.
+
+    `dQ = Q W`, `W_ij = (Q^T dS Q)_ij / (f_j - f_i)`. What a model gives depends on a pair of modes by
+    `W_ij (g(f_j) - g(f_i))`, which has a limit for equal eigenvalues; `W_ij` has none. A difference below the rounding
+    of the eigenvalues is taken as that rounding, so that a pair of equal modes adds nothing, where JAX's own rule
+    gives NaN. In a wall only modes that change from node to node can be so close, in layers far from each other.
+
+    Source: M. B. Giles, An extended collection of matrix derivative results, Oxford NA-08/01, Section 3.1.
+    """
+    f, Q = jnp.linalg.eigh(matrix)
+    return f, Q
+
+
+@symmetric_modes.defjvp
+def _symmetric_modes_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[tuple, tuple]:
+    f, Q = symmetric_modes(*primals)
+    change = Q.T @ (0.5 * (tangents[0] + tangents[0].T)) @ Q
+    gap = f - f[:, None]
+    rounding = f.shape[0] * jnp.finfo(f.dtype).eps * jnp.max(jnp.abs(f))
+    gap = jnp.where(jnp.abs(gap) < rounding, jnp.where(gap < 0.0, -rounding, rounding), gap)
+    turn = jnp.where(jnp.eye(f.shape[0], dtype=bool), 0.0, change / gap)
+    return (f, Q), (jnp.diagonal(change), Q @ turn)
+
+
 @eqx.filter_jit
 def _to_modes(system: StateSpace, capacity: Float[Array, " node"]) -> StateSpace:
     root = jnp.sqrt(capacity)
-    f, Q = jnp.linalg.eigh(root[:, None] * system.A / root)
+    f, Q = symmetric_modes(root[:, None] * system.A / root)
     to_modes = Q.T * root
     from_modes = Q / root[:, None]
     return StateSpace(

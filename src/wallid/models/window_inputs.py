@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._internal.arrays import on_device
+from .._internal.arrays import is_traced, on_device
 from .._internal.errors import InputError
 from ..case.case_definition import Case
 from ..case.initial_profile import dimensionless_profile, fit_profile, profile_degree, scales
@@ -117,17 +117,24 @@ def window_data(case: Case, window: Window | None = None, *, weighted: bool = Tr
     )
 
 
-def full_order_model(case: Case, extra: Sequence[Output] = ()) -> StateSpace:
-    """The full-order model of a case in its modes: `U' = Fo (A U + B Q)`, `Y = C U + D Q`, A diagonal.
+def full_order_model(case: Case, extra: Sequence[Output] = (), *, cells: Sequence[int] | None = None) -> StateSpace:
+    """The full-order model of a case: `U' = Fo (A U + B Q)`, `Y = C U + D Q`, in its modes, with a diagonal A.
+
+    JAX may trace the values of the wall and the positions of the sensors. Where it traces the layers, the model is in
+    its nodes, with a dense A: a derivative of modes is not defined where two of them have the same eigenvalue.
 
     Args:
+        case: the wall, its sensors and the options.
         extra: further outputs, after the sensors.
+        cells: the number of cells of each layer, from `wallid.models.layer_cells`; None for those of the case's own
+            layers. It is needed where a compiled or vectorised function traces the layers.
 
     Returns:
         a state space with the two boundary temperatures as inputs.
 
     Raises:
         InputError: the case has no inner sensor, or fewer nodes than its layers need.
+        ValueError: `cells` does not fit the layers, or is needed and missing.
     """
     if not case.sensors and not extra:
         raise InputError(
@@ -135,7 +142,12 @@ def full_order_model(case: Case, extra: Sequence[Output] = ()) -> StateSpace:
             "`wallid estimate` take a case with heat flux alone"
         )
     sensors = [Output(sensor.position, name=sensor.name) for sensor in case.sensors]
-    return _model_in_modes(case.wall, (*sensors, *extra), case.choices.nodes, profile_degree(case))
+    outputs, nodes, degree = (*sensors, *extra), case.choices.nodes, profile_degree(case)
+    layers = [value for layer in case.wall.layers for value in vars(layer).values()]
+    if cells is None and not is_traced(*vars(case.wall).values(), *layers, *(output.position for output in outputs)):
+        return _model_in_modes(case.wall, outputs, nodes, degree)
+    model = finite_volume_model(case.wall, outputs, nodes=nodes, profile_degree=degree, cells=cells)
+    return model if is_traced(*layers) else model.modal()
 
 
 @lru_cache(maxsize=32)

@@ -11,14 +11,17 @@ import numpy as np
 
 from .._internal.errors import InputError
 from .cell_values import CellColumn, parse_numbers, stated_unit
+from .column_roles import stated_use
 from .file_format import SEPARATORS, FileFormat
 from .file_position import FilePosition
 from .logger_file import NUMBER, decode_file, first_lines, read_raw_table, split_cells
 from .time_parsing import DATE
 
-_TIME = re.compile(r"time|date|zeit|datum|heure|fecha|stamp|hour|sec|^t$|^s$", re.IGNORECASE)
+_TIME = re.compile(
+    r"time|date|zeit|datum|heure|fecha|stamp|hour|sec|tiempo|hora\b|tempo\b|\bora\b|\bdata\b|tijd|^t$|^s$",
+    re.IGNORECASE,
+)
 _ISO = re.compile(r"\d{4}-?\d{2}-?\d{2}")
-_FLUX = re.compile(r"flux|^q|heat|w/m", re.IGNORECASE)
 _MAJORITY = 0.5  # of a column's cells
 
 
@@ -28,7 +31,8 @@ class DetectedColumn:
 
     Args:
         name: as in the header.
-        kind: "time", "temperature", "flux", "number" or "text".
+        kind: "time", "temperature", "flux", "irradiance", "number" or "text".
+        use: what the name says of a column that is no temperature, as from `column_roles.stated_use`.
         low, high: minimum and maximum of its numbers; NaN where it has none.
         unit: of a temperature, stated in the file or concluded from the values; None where unknown.
     """
@@ -38,6 +42,7 @@ class DetectedColumn:
     low: float
     high: float
     unit: str | None
+    use: str | None = None
 
     def __str__(self) -> str:
         value_range = (
@@ -138,8 +143,10 @@ def _classify(name: str, values: np.ndarray, unit_row: str, text_fraction: float
     rising = len(numbers) > 1 and bool(np.all(np.diff(numbers) > 0))
     if rising and _TIME.search(name) and unit is None:
         return DetectedColumn(name, "time", low, high, None)
-    if unit is None and (_FLUX.search(name) or _FLUX.search(unit_row)):
-        return DetectedColumn(name, "flux", low, high, None)
+    use = None if unit is not None else stated_use(name, unit_row)
+    if use is not None:
+        kind = use if use in ("flux", "irradiance") else "number"
+        return DetectedColumn(name, kind, low, high, None, use)
     if unit is None and 200.0 < float(np.median(numbers)) < 350.0:
         unit = "K"
     plausible = {"K": (150.0, 450.0), "degF": (-150.0, 300.0)}.get(unit or "degC", (-100.0, 150.0))

@@ -14,6 +14,7 @@ from typing import Any
 from .._internal.errors import InputError
 from .._internal.validation import format_value, spelling_hint
 from .file_format import SEPARATORS, FileFormat
+from .file_signatures import foreign_format
 
 _HEAD_LINES = 60  # in which header, separator and rows of units are searched
 _HEAD_BYTES = 1 << 18
@@ -116,6 +117,9 @@ def decode_file(file: str, file_format: FileFormat) -> tuple[str, str]:
         raise InputError(f"{file}: cannot be read: {error.strerror or error}") from error
     except ValueError as error:  # an invalid file name
         raise InputError(f"{file!r}: cannot be read: {error}") from error
+    if foreign := foreign_format(raw):
+        kind, remedy = foreign
+        raise InputError(f"{file}: this is {kind}; a record must be a CSV file: {remedy}")
     encoding = file_format.encoding or _guess_encoding(raw)
     try:
         content = raw.decode(encoding)

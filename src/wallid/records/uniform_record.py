@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, no_type_check
@@ -16,6 +16,7 @@ import scipy
 from .._internal.errors import InputError
 from .._internal.units import DAY
 from .._internal.validation import number, set_fields
+from .array_checks import checked_columns, checked_names, checked_regressors, checked_stamps, checked_times
 from .cleaning_log import CleaningLog
 from .dataframe_table import source_name
 from .file_format import FileFormat, check_unit
@@ -63,7 +64,8 @@ class Record:
         cleaning: what was changed while the file was read.
 
     Raises:
-        InputError: a standard deviation that is negative or not a number.
+        InputError: an array whose shape does not fit the others, times that do not increase or have no uniform step,
+            faces that are not finite, an unknown regressor, or a standard deviation that is negative or not a number.
     """
 
     time: np.ndarray
@@ -82,12 +84,26 @@ class Record:
     cleaning: CleaningLog = field(default_factory=CleaningLog)
 
     def __post_init__(self) -> None:
+        self._check_arrays()
         set_fields(self, boundary_noise_std=number("boundary_noise_std", self.boundary_noise_std, "K", minimum=0.0))
         set_fields(self, face_position_std=number("face_position_std", self.face_position_std, "m", minimum=0.0))
         if self.flux_noise_std is not None:
             set_fields(self, flux_noise_std=number("flux_noise_std", self.flux_noise_std, "W/m2", above=0.0))
         if self.flux_gain_std is not None:
             set_fields(self, flux_gain_std=number("flux_gain_std", self.flux_gain_std, minimum=0.0))
+
+    def _check_arrays(self) -> None:
+        set_fields(self, time=checked_times(self.time), names=checked_names(self.names))
+        rows, faces = len(self.time), "face: left, right"
+        set_fields(
+            self,
+            stamps=checked_stamps(self.stamps, rows),
+            faces=checked_columns("faces", self.faces, rows, 2, faces, finite=True),
+            sensors=checked_columns("sensors", self.sensors, rows, len(self.names), "name in `names`", finite=False),
+            regressors=checked_regressors(self.regressors, rows, REGRESSORS),
+        )
+        if self.fill_std is not None:
+            set_fields(self, fill_std=checked_columns("fill_std", self.fill_std, rows, 2, faces, finite=False))
 
     @cached_property
     def step(self) -> float:
@@ -164,8 +180,7 @@ class Record:
                 f"and lie within the record's {self.rows}"
             )
         part = slice(start_row, start_row + rows)
-        return replace(
-            self,
+        return self._with_rows(
             time=self.time[part] - self.time[start_row],
             stamps=self.stamps[part],
             faces=self.faces[part],
@@ -174,6 +189,13 @@ class Record:
             fill_std=None if self.fill_std is None else self.fill_std[part],
             cleaning=self.cleaning if rows == self.rows else CleaningLog(),
         )
+
+    def _with_rows(self, **arrays: object) -> Record:
+        """The same record with other rows, without a check: rows of a checked record fit each other."""
+        part = object.__new__(Record)
+        set_fields(part, **{field.name: getattr(self, field.name) for field in fields(self)})
+        set_fields(part, **arrays)
+        return part
 
     def stamp(self, row: int) -> str | float:
         """The time of a row in the record's own format; of the row after the last, one step later.

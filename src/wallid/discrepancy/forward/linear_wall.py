@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...models.exponential_solver import phi_functions
+from ...models.state_space import symmetric_modes
 from ..effects.equation_terms import ForcingData
 from .cells import Cells, inputs_at_rows, rate_coefficients
 
@@ -99,7 +100,7 @@ def modal_decomposition(wall: Cells, diffusivity: Array) -> Modes:
     log_ratio = 0.5 * (jnp.log(lower[1:]) - jnp.log(upper[:-1]))
     scale = jnp.exp(jnp.concatenate([jnp.zeros(1), jnp.cumsum(log_ratio)]))
     off_diagonal = jnp.sqrt(lower[1:] * upper[:-1])
-    poles, Q = jnp.linalg.eigh(jnp.diag(diagonal) + jnp.diag(off_diagonal, 1) + jnp.diag(off_diagonal, -1))
+    poles, Q = symmetric_modes(jnp.diag(diagonal) + jnp.diag(off_diagonal, 1) + jnp.diag(off_diagonal, -1))
     to_modes = Q.T / scale
     faces = jnp.zeros((lower.shape[0], 2)).at[0, 0].set(lower[0]).at[-1, 1].set(upper[-1])
     return Modes(
