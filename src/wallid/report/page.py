@@ -83,10 +83,7 @@ def render_page(run: Run, result: dict[str, Any], figures: Sequence[DrawnFigure]
         headline=values[0] if values else _resistance(result),
         other_values=values[1:],
         relation=format_text(relation_of_diffusivities(run)),
-        implications=[
-            format_text(line)
-            for line in implications(run, values[0][1] if values and not run.unreliable_reason else None)
-        ],
+        implications=[format_text(line) for line in implications(run, _reliable(run, values))],
         steps=[format_text(f"{step[:1].upper()}{step[1:]}".rstrip(".") + ".") for step in next_steps(run)],
         first_figure=_first_figure(run),
         answer=answer(run, result),
