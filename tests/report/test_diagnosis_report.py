@@ -408,6 +408,8 @@ def test_diagnose_prints_what_it_found(command, tmp_path, explained, explanation
     assert str(explanation) in ended.stdout and "missing.png" in ended.stdout
     # what is not this result's goes, what is not ours stays
     (tmp_path / "out" / "design.png").write_text("of an earlier run")
+    entries = json.loads((tmp_path / "out" / "result.json").read_text())
+    (tmp_path / "out" / "result.json").write_text(json.dumps(entries | {"files": [*entries["files"], "design.png"]}))
     (tmp_path / "out" / "notes.txt").write_text("mine")
     quiet = command("diagnose", explained, "--quiet")
     assert quiet.exit_code == 0 and quiet.output == ""

@@ -261,6 +261,31 @@ def test_another_commands_report_is_kept_and_linked(run, tmp_path):
     assert "report-diagnose.html" in names and "report-run.html" not in names
 
 
+def test_one_folder_holds_the_files_of_several_commands(run, tmp_path):
+    """Nothing of another command is lost; figures of one name that differ are both there."""
+    out = tmp_path / "out"
+    report.write_report(run, out, "wallid run saint_julien", formats=("png", "pdf"))
+    (out / "model.npz").write_bytes(b"of the run")
+    entries = json.loads((out / "result.json").read_text("utf-8"))
+    (out / "result.json").write_text(json.dumps(entries | {"files": [*entries["files"], "model.npz"]}), "utf-8")
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    (out / "mine.txt").write_text("notes")
+    shorter = replace(run, case=replace(run.case, record=run.case.record.window(0, 400)))
+    report.write_report(shorter, out, "wallid diagnose saint_julien")
+    after = {path.name: path.read_bytes() for path in out.iterdir()}
+    for name, content in before.items():
+        if name not in ("report.html", "result.json"):
+            kept = f"{name.partition('.')[0]}-run.{name.partition('.')[2]}"
+            assert content in (after.get(name), after.get(kept)), name
+    assert {"report-run.html", "result-run.json", "mine.txt", "record-run.png"} <= set(after)
+    report.write_report(shorter, out, "wallid diagnose saint_julien")
+    assert set(after) == {path.name for path in out.iterdir()}, "the same command replaces its own files only"
+    report.write_report(shorter, out, "wallid run saint_julien")
+    names = {path.name for path in out.iterdir()}
+    assert "model.npz" not in names and "record.pdf" not in names, "a command's own files of an earlier run go"
+    assert {"report-diagnose.html", "mine.txt"} <= names
+
+
 def test_every_figure_has_its_caption_and_its_place_on_the_page():
     assert set(captions._CAPTIONS) == set(STEMS)
     template = resources.files("wallid.report").joinpath("templates/report.html").read_text("utf-8")

@@ -11,7 +11,7 @@ from .._internal.number_formats import format_number, format_quantity, format_un
 _LONG = 30  # rows; a longer table is closed until a reader opens it
 _WIDE = 6  # columns; a wider table is transposed
 _HEAD = ("quantity", "value")
-_SHOWN_ELSEWHERE = ("ranked", "untestable")  # the template has its own tables for these keys
+_SHOWN_ELSEWHERE = ("ranked", "untestable", "files")  # the template has its own tables for these keys
 
 _NAMES = {
     "schema": "version of result.json's format",

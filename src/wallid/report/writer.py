@@ -64,15 +64,55 @@ def write_report(run: Run, out: str | Path, command: str = "", formats: Sequence
     out, own_name = Path(out), _command_name(command)
     with _work_folder(out) as folder:
         names = _write_all(run, folder, command, formats)
+        others = _files_of_others(out, own_name)
         names += _keep_other_report(out, folder, own_name)
+        for name in _replaced(out, folder, names, others):
+            os.replace(out / name, out / _renamed(name, _earlier_command(out)))
+        stale = _own_files(out, own_name) - set(names) - others
         for name in names:
             os.replace(folder / name, out / name)
-    stale = _possible_files() - set(names)
-    if own_name:
-        stale |= set(_kept_names(own_name)) - set(names)
     for name in stale:
         (out / name).unlink(missing_ok=True)
     return [out / name for name in names]
+
+
+def _files_in(result: Path) -> set[str]:
+    """Names of the files of the command whose numbers are in a file; all that a run may write where it lists none."""
+    try:
+        entries = json.loads(result.read_text("utf-8"))
+        return set(entries["files"]) if "files" in entries else _possible_files()
+    except (OSError, ValueError, TypeError):
+        return set()
+
+
+def _own_files(out: Path, name: str) -> set[str]:
+    """Files in a folder that an earlier run of the same command wrote; of any command where its name is unknown."""
+    own = _kept_names(name) if name else ()
+    files = _files_in(out / own[1]) | set(own) if own else set()
+    return files | _files_in(out / "result.json") if _earlier_command(out) in ("", name) else files
+
+
+def _files_of_others(out: Path, name: str) -> set[str]:
+    """Files in a folder that other commands wrote."""
+    if not name:
+        return set()
+    kept = [_kept_names(other)[1] for other in COMMANDS if other != name]
+    earlier = ["result.json"] if _earlier_command(out) not in ("", name) else []
+    return set().union(*(_files_in(out / result) for result in (*kept, *earlier))) - {"result.json", "report.html"}
+
+
+def _replaced(out: Path, folder: Path, names: Sequence[str], others: set[str]) -> list[str]:
+    """Figures and models of another command that would be replaced by others with the same names."""
+    if _earlier_command(out) == "":
+        return []
+    both = [name for name in names if name in others and (out / name).exists()]
+    return [name for name in both if (out / name).read_bytes() != (folder / name).read_bytes()]
+
+
+def _renamed(name: str, command: str) -> str:
+    """The name under which a command's file is kept."""
+    path = Path(name)
+    return f"{path.stem}-{command}{path.suffix}"
 
 
 def _command_name(command: str) -> str:
@@ -162,12 +202,10 @@ def _write_all(run: Run, folder: Path, command: str, formats: Sequence[str]) -> 
         for kind, content in drawn.files.items():
             names.append(f"{drawn.stem}.{kind}")
             (folder / names[-1]).write_bytes(content)
-    entries = result_entries(run) | ({"command": command} if command else {})
-    names.append("report.html")
-    (folder / names[-1]).write_text(render_page(run, entries, drawn_figures, command), encoding="utf-8")
+    names += ["report.html", *(("model.npz",) if run.learned is not None else ()), "result.json"]
+    entries = result_entries(run) | ({"command": command} if command else {}) | {"files": list(names)}
+    (folder / "report.html").write_text(render_page(run, entries, drawn_figures, command), encoding="utf-8")
     if run.learned is not None:
-        names.append("model.npz")
-        run.learned.system.save(folder / names[-1])
-    names.append("result.json")
-    (folder / names[-1]).write_text(_as_json(entries) + "\n", encoding="utf-8")
+        run.learned.system.save(folder / "model.npz")
+    (folder / "result.json").write_text(_as_json(entries) + "\n", encoding="utf-8")
     return names
