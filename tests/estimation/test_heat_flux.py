@@ -163,12 +163,12 @@ def test_each_stopping_rule_stops():
     jump = average_method(faces, np.where(days < 5, 30.0, 60.0), 900.0, "left")
     assert not jump.day_before and jump.change_of_a_day == pytest.approx(1 - 30 / 35)
     assert jump.resistance_day_before == pytest.approx(0.5) and jump.resistance == pytest.approx(15 / 35)
-    assert jump.unmet_rules[0] == "R changed by 14.3% in the last day (limit: 5%)"
+    assert jump.unmet_rules[0] == "R changed by 14.3 % in the last day (limit: 5 %)"
     drift = average_method(faces, 30.0 * (1 + 0.03 * (days - 3)), 900.0, "left")
     assert drift.day_before and not drift.two_thirds
     # INT(2 * 6 / 3) = 4 days from each end
     assert drift.first_to_last == pytest.approx((1 + 0.03 * (4 - 3)) / (1 + 0.03 * (2 - 3)) - 1, abs=0.002)
-    assert drift.unmet_rules == ("R of the first and of the last 4 days differ by 6.2% (limit: 5%)",)
+    assert drift.unmet_rules == ("R of the first and of the last 4 days differ by 6.2 % (limit: 5 %)",)
     assert drift.resistances_of_parts[0] / drift.resistances_of_parts[1] == pytest.approx(1 + drift.first_to_last)
     short = average_method(faces[:150], np.full(150, 30.0), 900.0, "left")
     assert [text.split(" (")[0] for text in short.unmet_rules] == [
@@ -431,13 +431,13 @@ def test_the_figures_of_a_plate_show_the_estimates_numbers(both):
     half = plot.flux_interval(case, both, plate)
     assert_allclose(half, 1.959964 * np.sqrt(NOISE**2 + (j * k.std / k.value) ** 2), rtol=1e-6)
     _, (course, residual, density) = plot.figure(1, 3)
-    plot.measured_flux(course, case, both, plate)
+    plot.measured_flux(case, both, plate, ax=course)
     there = np.isfinite(both.residual[:, plate])
     box = course.collections[0].get_paths()[0].get_extents()
     assert (box.y0, box.y1) == pytest.approx(((j - half)[there].min(), (j + half)[there].max()))
-    plot.flux_residual(residual, case, both, plate)
+    plot.flux_residual(case, both, plate, ax=residual)
     assert_allclose(residual.lines[0].get_ydata(), both.residual[there, plate])
-    plot.flux_density(density, case, both, plate)
+    plot.flux_density(case, both, plate, ax=density)
     (noise,) = density.lines
     x = noise.get_xdata()
     assert_allclose(noise.get_ydata(), np.exp(-0.5 * (x / NOISE) ** 2) / (NOISE * np.sqrt(2 * np.pi)), rtol=1e-9)

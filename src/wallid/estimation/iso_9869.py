@@ -75,21 +75,21 @@ class AverageMethod:
     @property
     def unmet_rules(self) -> tuple[str, ...]:
         """Each stopping rule that is not met, in plain words with its numbers; empty where all are met."""
-        unmet, limit = [], f"limit: {TOLERANCE:.0%}"
+        unmet, limit = [], f"limit: {100 * TOLERANCE:g} %"
         if not self.three_days:
             unmet.append(f"{self.days:.3g} days were measured (at least {MIN_DAYS:g} are required)")
         if not self.day_before:
             unmet.append(
                 "R at the end cannot be compared with R a day before (two whole days are required)"
                 if self.change_of_a_day is None
-                else f"R changed by {self.change_of_a_day:.1%} in the last day ({limit})"
+                else f"R changed by {100 * self.change_of_a_day:.1f} % in the last day ({limit})"
             )
         if not self.two_thirds:
             unmet.append(
                 "R of the first and of the last two thirds cannot be compared (two whole days are required)"
                 if self.first_to_last is None
-                else f"R of the first and of the last {_days_text(self.part_days)} differ by {self.first_to_last:.1%} "
-                f"({limit})"
+                else f"R of the first and of the last {_days_text(self.part_days)} differ by "
+                f"{100 * self.first_to_last:.1f} % ({limit})"
             )
         return tuple(unmet)
 

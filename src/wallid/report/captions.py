@@ -9,6 +9,9 @@ import numpy as np
 
 from .._internal.number_formats import format_text
 from .._internal.units import DAY
+from ..models.flux_plates import fluxes_of
+from ..plot.regressors import regressor_quantities
+from ..records.uniform_record import REGRESSOR_UNITS
 from .figures import shaded_window
 
 if TYPE_CHECKING:
@@ -22,23 +25,61 @@ if TYPE_CHECKING:
 
 Text = Callable[["Run"], str]
 
+_QUANTITIES = {
+    "flux": "heat fluxes",
+    "irradiance": "irradiance",
+    "air": "air temperatures",
+    "wind": "wind",
+    "rain": "rain",
+    "heating": "heating",
+}
+
 
 def _wall(run: Run) -> str:
     wall = run.case.wall
     layers = f"{len(wall.layers)} layers" if wall.layers else "one material"
     sensors = ", ".join(f"{sensor.name} at {1e3 * sensor.position:.4g} mm" for sensor in run.case.sensors) or "none"
-    return f"Section of the wall, {wall.length:g} m of {layers}, outside on the {wall.outside}; sensors: {sensors}."
+    plates = " and ".join(fluxes_of(run.case))
+    return (
+        f"Section of the wall, {wall.length:g} m of {layers}, outside on the {wall.outside}; sensors: {sensors}"
+        + (f"; heat flux plates on the {plates}" if plates else "")
+        + "."
+    )
+
+
+def _wall_caption(run: Run) -> str:
+    plates = "; heat flux plates are drawn thicker than they are" if fluxes_of(run.case) else ""
+    return f"The wall in section, to scale along x, with the positions of the sensors{plates}."
 
 
 def _record(run: Run) -> str:
     record = run.case.record
     faces = record.faces[~record.broken]
     low, high = faces.min(axis=0), faces.max(axis=0)
+    begin = f" from {record.stamp(0)}" if record.start.stamp is not None else ""
+    days = f"{record.duration / DAY:.3g} days{begin}"
+    sensors = f"{len(record.names)} inner sensor{'' if len(record.names) == 1 else 's'}"
     return (
-        f"Temperatures over {record.duration / DAY:.3g} days: left face {low[0]:.1f} to {high[0]:.1f} degC, right "
-        f"face {low[1]:.1f} to {high[1]:.1f} degC, {len(record.names)} inner sensors"
+        f"Temperatures over {days}: left face {low[0]:.1f} to {high[0]:.1f} degC, right face "
+        f"{low[1]:.1f} to {high[1]:.1f} degC, {sensors}{_regressor_ranges(run)}{_removed_spikes(run)}"
         + ("; below, the available readings of each." if run.check is not None else _window_text(run))
     )
+
+
+def _regressor_ranges(run: Run) -> str:
+    """The range of each further column, as text."""
+    texts = []
+    for name, values in run.case.record.regressors.items():
+        if np.isfinite(values).any():
+            unit = "" if REGRESSOR_UNITS[name] is None else f" {REGRESSOR_UNITS[name]}"
+            texts.append(f"; {name.replace('_', ' ')} {np.nanmin(values):.3g} to {np.nanmax(values):.3g}{unit}")
+    return "".join(texts)
+
+
+def _removed_spikes(run: Run) -> str:
+    """The number of marked spikes, as text; empty where the figure marks none."""
+    count = sum(len(spikes) for spikes in run.case.record.cleaning.spikes.values())
+    return f"; {count} removed spike{'' if count == 1 else 's'}" if run.check is not None and count else ""
 
 
 def _window_text(run: Run) -> str:
@@ -47,9 +88,15 @@ def _window_text(run: Run) -> str:
 
 def _record_caption(run: Run) -> str:
     if run.check is not None:
+        spikes = (
+            " Crosses and triangles: removed spikes; a triangle points to a value that is farther away."
+            if _removed_spikes(run)
+            else ""
+        )
         return (
-            "Logged temperatures, and the available readings of each face and sensor. Orange: interpolated face "
-            "temperatures. Black marks: missing or masked readings. Grey: breaks of the record."
+            f"Logged temperatures{_regressor_names(run)}, and the available readings of each column. Orange: "
+            "interpolated face temperatures. Black marks: missing or masked readings. Grey: breaks of the record."
+            f"{spikes}"
         )
     window = "" if shaded_window(run) is None else " The yellow band is the window used."
     broken = (
@@ -57,7 +104,13 @@ def _record_caption(run: Run) -> str:
         if len(run.case.record.unbroken_parts) > 1
         else ""
     )
-    return f"Logged temperatures.{window}{broken}"
+    return f"Logged temperatures{_regressor_names(run)}.{window}{broken}"
+
+
+def _regressor_names(run: Run) -> str:
+    """The quantities below the temperatures, as text."""
+    names = [_QUANTITIES[quantity] for quantity in regressor_quantities(run.case)]
+    return f"; below, {', '.join(names)}" if names else ""
 
 
 def _design(run: Run, design: Design) -> str:
@@ -139,6 +192,24 @@ def _flux(run: Run, fit: Estimate) -> str:
     )
 
 
+def _average(run: Run, fit: Estimate) -> str:
+    if (thermal := fit.thermal) is None:
+        return ""
+    texts = []
+    for one in thermal.average_methods:
+        if one.resistance is None:
+            texts.append(f"{one.face.capitalize()} plate: no mean flux")
+            continue
+        state = "all rules met" if one.complete else f"not met: {'; '.join(one.unmet_rules)}"
+        texts.append(
+            f"{one.face.capitalize()} plate: {one.resistance:.3f} m2 K/W over {one.averaged_days:.3g} days, {state}"
+        )
+    return (
+        f"Resistance by the average method against the days averaged over, with the stopping rules of ISO 9869-1. "
+        f"{'. '.join(texts)}. The estimate gives {thermal.resistance.value:.3f} m2 K/W."
+    )
+
+
 def _prediction(run: Run, prediction: Prediction) -> str:
     rms = [prediction.rms_of_sensor(s) for s in range(len(prediction.sensor_names))]
     residuals = ", ".join(
@@ -214,7 +285,7 @@ def _fixed(text: str) -> Text:
 
 
 _CAPTIONS: dict[str, tuple[str | Text, Text]] = {
-    "wall": ("The wall in section, to scale along x, with the positions of the sensors.", _wall),
+    "wall": (_wall_caption, _wall),
     "record": (_record_caption, _record),
     "design": (
         "Sensitivity of the readings to the diffusivity, ∂T/∂(ln α), and the design criterion for a window from each "
@@ -246,11 +317,19 @@ _CAPTIONS: dict[str, tuple[str | Text, Text]] = {
         _fixed("Standard uncertainty of the readings of each sensor over the record, and the initial profile."),
     ),
     "flux": (
-        "Heat flux at the faces: measured (dots) and simulated, residual, and density of the residual and of the "
-        "stated noise. Shaded: 95 % interval of a reading from that noise; on the left also from the standard error "
-        "of the conductivity. The first readings are left out: they depend on details of the initial profile that no "
-        "reading determines.",
+        "Heat flux at the faces: measured (dots) and simulated (line), residual, and density of the residual and of "
+        "the stated noise. Shaded: 95 % interval of a reading from that noise; on the left also from the standard "
+        "error of the conductivity. The first readings are left out: they depend on details of the initial profile "
+        "that no reading determines.",
         _for_stage("fit", _flux),
+    ),
+    "average": (
+        "The average method of ISO 9869-1: temperature difference over heat flux, both averaged from the start of the "
+        "window to each time. The result (dot) is that of the largest whole number of days. The standard lets a "
+        "measurement end where it has three days (dotted), R of a day before (diamond) lies in the orange band of 5 % "
+        "about the result, and R of the first and of the last two thirds (dashed) differ by 5 % at most. Light blue: "
+        "resistance of the estimate, 95 %; it also uses the heat that the wall stores.",
+        _for_stage("fit", _average),
     ),
     "loads": (
         "Heat flux through the inner face over the entire record, and change of its sum, the heat load, with the "
