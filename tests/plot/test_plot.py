@@ -235,6 +235,19 @@ def test_the_start_of_the_gls_fit_is_not_named_on_a_curve(ax, case):
     assert ax.get_legend() is not None and not lines_in_legend(ax) and not lines_in_legend(other)
 
 
+def test_a_constant_uncertainty_is_not_named_on_its_line(ax, case):
+    """A vertical line at the left, where a legend above the curves would lie."""
+    whole = _reliability(case)
+    plot.measurement_uncertainty(replace(whole, sigma=np.full(whole.sigma.shape, 0.08)), ax=ax)
+    assert len(ax.lines) == 3 and not lines_in_legend(ax)
+    check_complete(ax)
+
+
+def test_a_prediction_without_heat_loads_is_refused(case):
+    with pytest.raises(ValueError, match="state the conductivity"):
+        plot.inner_face_flux(_reliability(case))
+
+
 def _drawing_functions():
     """The functions of the package that draw a panel."""
     functions = [getattr(plot, name) for name in plot.__all__ if inspect.isfunction(getattr(plot, name))]
