@@ -21,10 +21,10 @@ def main() -> None:
     whole = wallid.predict(case, fit, rom.system)
     with plot.style():
         made, axes = plot.figure(2, 2, width=10.0, height=2.9)
-        plot.record(axes[0, 0], case, found.best)
-        plot.criterion(axes[0, 1], found)
-        plot.last_week(axes[1, 0], whole, 1)
-        plot.residual_density(axes[1, 1], whole, 1)
+        plot.record(case, found.best, ax=axes[0, 0])
+        plot.criterion(found, ax=axes[0, 1])
+        plot.last_week(whole, 1, ax=axes[1, 0])
+        plot.residual_density(whole, 1, ax=axes[1, 1])
         made.savefig(OUT, dpi=110)
     print(f"wrote {OUT}")
 

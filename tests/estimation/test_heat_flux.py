@@ -21,7 +21,7 @@ import wallid
 from wallid import plot
 from wallid.case.options import Choices
 from wallid.cli.commands import app
-from wallid.estimation.iso_9869 import average_method
+from wallid.estimation.iso_9869 import average_method, resistance_over_time
 from wallid.inference.generalised_least_squares import fit_generalised_least_squares
 from wallid.inference.nuisance_parameters import wiener_filtered_noise
 from wallid.inference.validity import distinguishable_range
@@ -162,10 +162,44 @@ def test_each_stopping_rule_stops():
     faces, days = np.tile([20.0, 5.0], (6 * 96, 1)), np.arange(6 * 96) / 96
     jump = average_method(faces, np.where(days < 5, 30.0, 60.0), 900.0, "left")
     assert not jump.day_before and jump.change_of_a_day == pytest.approx(1 - 30 / 35)
+    assert jump.resistance_day_before == pytest.approx(0.5) and jump.resistance == pytest.approx(15 / 35)
+    assert jump.unmet_rules[0] == "R changed by 14.3 % in the last day (limit: 5 %)"
     drift = average_method(faces, 30.0 * (1 + 0.03 * (days - 3)), 900.0, "left")
     assert drift.day_before and not drift.two_thirds
     # INT(2 * 6 / 3) = 4 days from each end
     assert drift.first_to_last == pytest.approx((1 + 0.03 * (4 - 3)) / (1 + 0.03 * (2 - 3)) - 1, abs=0.002)
+    assert drift.unmet_rules == ("R of the first and of the last 4 days differ by 6.2 % (limit: 5 %)",)
+    assert drift.resistances_of_parts[0] / drift.resistances_of_parts[1] == pytest.approx(1 + drift.first_to_last)
+    short = average_method(faces[:150], np.full(150, 30.0), 900.0, "left")
+    assert [text.split(" (")[0] for text in short.unmet_rules] == [
+        "1.56 days were measured",
+        "R at the end cannot be compared with R a day before",
+        "R of the first and of the last two thirds cannot be compared",
+    ]
+
+
+def test_the_average_is_over_whole_days():
+    """Half a day more of a daily cycle biases the mean flux; the standard asks for a multiple of 24 h."""
+    days = np.arange(int(6.5 * 96)) / 96
+    faces, flux = np.tile([20.0, 5.0], (len(days), 1)), 30.0 + 20.0 * np.sin(2 * np.pi * days)
+    entire = average_method(faces, flux, 900.0, "left")
+    assert entire.resistance == pytest.approx(0.5) and (entire.days, entire.averaged_days) == (6.5, 6.0)
+    assert "6 of 6.50 days" in str(entire)
+    course = resistance_over_time(faces, flux)
+    assert course[6 * 96 - 1] == pytest.approx(entire.resistance) and course[-1] < 0.49, "what half a day more gives"
+    assert course[5 * 96 - 1] == pytest.approx(entire.resistance_day_before)
+    # a step that does not divide a day, and less than a day
+    uneven = average_method(
+        faces[:617], 30.0 + 20.0 * np.sin(2 * np.pi * np.arange(617) * 1000.0 / 86400.0), 1000.0, "left"
+    )
+    assert uneven.averaged_days == 7.0 and uneven.resistance == pytest.approx(0.5, abs=1e-3)
+    assert average_method(faces[:48], np.full(48, 30.0), 900.0, "left").averaged_days == 0.5
+
+
+def test_missing_fluxes_are_left_out_of_the_course():
+    flux = np.array([np.nan, 30.0, np.nan, 15.0])
+    faces = np.array([[90.0, 0.0], [15.0, 0.0], [90.0, 0.0], [30.0, 0.0]])
+    assert_allclose(resistance_over_time(faces, flux), [np.nan, 0.5, 0.5, 1.0])
 
 
 @pytest.mark.parametrize("face", ["left", "right"])
@@ -397,13 +431,13 @@ def test_the_figures_of_a_plate_show_the_estimates_numbers(both):
     half = plot.flux_interval(case, both, plate)
     assert_allclose(half, 1.959964 * np.sqrt(NOISE**2 + (j * k.std / k.value) ** 2), rtol=1e-6)
     _, (course, residual, density) = plot.figure(1, 3)
-    plot.measured_flux(course, case, both, plate)
+    plot.measured_flux(case, both, plate, ax=course)
     there = np.isfinite(both.residual[:, plate])
     box = course.collections[0].get_paths()[0].get_extents()
     assert (box.y0, box.y1) == pytest.approx(((j - half)[there].min(), (j + half)[there].max()))
-    plot.flux_residual(residual, case, both, plate)
+    plot.flux_residual(case, both, plate, ax=residual)
     assert_allclose(residual.lines[0].get_ydata(), both.residual[there, plate])
-    plot.flux_density(density, case, both, plate)
+    plot.flux_density(case, both, plate, ax=density)
     (noise,) = density.lines
     x = noise.get_xdata()
     assert_allclose(noise.get_ydata(), np.exp(-0.5 * (x / NOISE) ** 2) / (NOISE * np.sqrt(2 * np.pi)), rtol=1e-9)

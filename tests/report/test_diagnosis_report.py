@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from axes import check_complete
 from benchmarks.reference.simulator_with_effects import Spec, write_case
+from legend_overlap import lines_in_legend
 from matplotlib.text import Text
 from pages import check
 from results import DIAGNOSIS, SCHEMA
@@ -84,7 +85,7 @@ def ax():
 
 
 def test_the_waterfall_goes_from_the_plain_model_to_what_is_left(ax, explanation):
-    plot.waterfall(ax, explanation)
+    plot.waterfall(explanation, ax=ax)
     first, *between, last = ax.patches
     gap = explanation.gap
     assert first.get_y() == 0 and first.get_height() == gap.before
@@ -99,6 +100,20 @@ def test_the_waterfall_goes_from_the_plain_model_to_what_is_left(ax, explanation
     (floor,) = [line for label, line in lines.items() if label.startswith("noise alone")]
     assert set(floor.get_ydata()) == {gap.noise_floor}
     assert list(lines["on held-out days"].get_ydata()) == [gap.held_out_before, gap.held_out_after]
+
+
+@pytest.mark.parametrize("share", [0.9, 1.0, 1.001, 1.01, 1.03, 1.06, 1.1, 1.3])
+@pytest.mark.parametrize("size", [(8.0, 3.2), (4.0, 2.0)])
+def test_no_line_strikes_a_number_of_the_waterfall(adequate, share, size):
+    """The noise alone may be just above a bar, where the bar's number would stand."""
+    gap = replace(adequate.gap, noise_floor=share * adequate.gap.before)
+    _, ax = plot.figure(width=size[0], height=size[1])
+    plot.waterfall(replace(adequate, gap=gap), ax=ax)
+    assert not lines_in_legend(ax)
+    (number,) = ax.texts
+    box, line = number.get_window_extent(), ax.transData.transform((0.0, gap.noise_floor))[1]
+    assert not box.y0 < line < box.y1
+    assert box.y1 <= ax.get_legend().get_window_extent().y0
 
 
 def test_effects_without_a_model_between_them_come_in_together(explanation):
@@ -119,7 +134,7 @@ def test_effects_without_a_model_between_them_come_in_together(explanation):
 
 
 def test_the_ranked_gains_are_those_of_the_table(ax, explanation):
-    plot.ranked_gains(ax, explanation)
+    plot.ranked_gains(explanation, ax=ax)
     rows = [row for row in explanation.table if row.expected_gain > 0][:12]
     assert [label.get_text() for label in ax.get_yticklabels()] == [row.label for row in rows]
     points = {}
@@ -130,7 +145,7 @@ def test_the_ranked_gains_are_those_of_the_table(ax, explanation):
 
 
 def test_the_heatmap_is_symmetric_with_ones_on_its_diagonal(ax, explanation):
-    mesh = plot.cosine_similarity(ax, explanation)
+    mesh = plot.cosine_similarity(explanation, ax=ax).collections[0]
     alike = np.asarray(mesh.get_array())
     assert len(alike) == min(12, len(explanation.table))
     np.testing.assert_allclose(np.diag(alike), 1.0)
@@ -142,14 +157,14 @@ def test_the_heatmap_is_symmetric_with_ones_on_its_diagonal(ax, explanation):
 
 def test_the_map_shows_the_remainder(ax, explanation):
     limit = plot.colour_limit(explanation)
-    mesh = plot.residual_map(ax, explanation.after, limit, "after")
+    mesh = plot.residual_map(explanation.after, limit, "after", ax=ax).collections[0]
     np.testing.assert_array_equal(np.asarray(mesh.get_array()), explanation.after.residual_at_rows.T)
     assert mesh.get_clim() == (-limit, limit)
     assert f"{explanation.gap.after:.3g} K" in ax.get_title(loc="left")
 
 
 def test_the_mean_residual_by_hour(ax, explanation):
-    plot.hourly_residual(ax, explanation.after, explanation.residual_tests_after.by_hour, "")
+    plot.hourly_residual(explanation.after, explanation.residual_tests_after.by_hour, "", ax=ax)
     first = explanation.after.residual_at_rows[:, 0].reshape(9, 24)  # whole days from midnight
     np.testing.assert_allclose(ax.lines[0].get_ydata(), first.mean(axis=0))
 
@@ -164,7 +179,7 @@ def test_the_worst_week_is_the_worst(explanation):
 
 def test_sizes_by_window(ax, explanation):
     named = explanation.effects[0]
-    plot.size_by_window(ax, explanation, named)
+    plot.size_by_window(explanation, named, ax=ax)
     (bars,) = ax.containers
     points, _, (errors,) = bars.lines
     np.testing.assert_array_equal(points.get_ydata(), named.windows.size)
@@ -175,7 +190,7 @@ def test_sizes_by_window(ax, explanation):
 def test_the_periodogram_of_white_noise_keeps_to_its_band(ax, explanation):
     """Ninety-five in a hundred, within what 400 draws tell; a daily wave leaves it at one a day."""
     rng = np.random.default_rng(11)
-    plot.cumulative_periodogram(ax, explanation.before, "")
+    plot.cumulative_periodogram(explanation.before, "", ax=ax)
     (band,) = ax.collections
     assert band.get_alpha() == 0.25, "a shade on white and on the dark page"
     corners = band.get_paths()[0].vertices
@@ -220,31 +235,31 @@ def unnamed(explanation):
 def test_every_figure_is_drawn_with_units_on_its_axes(request, tmp_path, found, panels):
     explanation = request.getfixturevalue(found)
     made = dict(figures.diagnosis_figures(explanation))
-    assert set(made) == {"missing", "residuals", "fit", "confusable", "periodogram"} | (
+    assert set(made) == {"missing", "residuals", "fit", "periodogram"} | (
         {"windows"} if explanation.effects else set()
-    ) | ({"remainder"} if found == "unnamed" else set())
+    ) | ({"remainder"} if found == "unnamed" else set()) | ({"confusable"} if found != "adequate" else set())
     assert len(made["periodogram"].axes) == panels
     for stem, figure in made.items():
         figure.savefig(tmp_path / f"{stem}.png")
         for ax in figure.axes:
             for label, ticks in ((ax.get_xlabel(), ax.get_xticklabels()), (ax.get_ylabel(), ax.get_yticklabels())):
                 named = any(tick.get_text() and not tick.get_text()[0].isdigit() for tick in ticks)
-                assert "(" in label or "day" in label or named or not ticks, (stem, ax)
+                assert "(" in label or "day" in label or "time" in label or named or not ticks, (stem, ax)
 
 
 @pytest.mark.parametrize(
     "draw",
     [
-        plot.waterfall,
-        plot.ranked_gains,
-        lambda ax, found: plot.week_temperatures(ax, found, 0),
-        lambda ax, found: plot.week_residuals(ax, found, 0),
-        lambda ax, found: plot.hourly_residual(ax, found.before, found.residual_tests_before.by_hour, "by hour"),
-        lambda ax, found: plot.cumulative_periodogram(ax, found.before, "periodogram"),
-        lambda ax, found: plot.smooth_residual(ax, found.before, found.residual_tests_before),
-        lambda ax, found: plot.size_by_window(ax, found, found.effects[0]),
-        lambda ax, found: plot.residual_map(ax, found.before, plot.colour_limit(found), "map"),
-        plot.cosine_similarity,
+        lambda ax, found: plot.waterfall(found, ax=ax),
+        lambda ax, found: plot.ranked_gains(found, ax=ax),
+        lambda ax, found: plot.week_temperatures(found, 0, ax=ax),
+        lambda ax, found: plot.week_residuals(found, 0, ax=ax),
+        lambda ax, found: plot.hourly_residual(found.before, found.residual_tests_before.by_hour, "by hour", ax=ax),
+        lambda ax, found: plot.cumulative_periodogram(found.before, "periodogram", ax=ax),
+        lambda ax, found: plot.smooth_residual(found.before, found.residual_tests_before, ax=ax),
+        lambda ax, found: plot.size_by_window(found, found.effects[0], ax=ax),
+        lambda ax, found: plot.residual_map(found.before, plot.colour_limit(found), "map", ax=ax),
+        lambda ax, found: plot.cosine_similarity(found, ax=ax),
     ],
 )
 def test_a_figure_of_a_diagnosis_on_plain_axes_is_complete(explanation, draw):
@@ -254,7 +269,8 @@ def test_a_figure_of_a_diagnosis_on_plain_axes_is_complete(explanation, draw):
         draw(ax, explanation)
         colours = len(figure.axes) == 2
         assert colours == (ax.get_legend() is None) and (not colours or figure.axes[1].get_ylabel())
-        check_complete(ax, legend=not colours, named=draw in (plot.waterfall, plot.cosine_similarity))
+        assert not lines_in_legend(ax)
+        check_complete(ax, legend=not colours, named=not ax.get_xlabel() and bool(ax.get_xticklabels()))
         plt.close(figure)
 
 
@@ -267,7 +283,7 @@ def test_panels_that_share_a_legend_have_none_of_their_own(explanation):
 
 
 def test_chance_is_what_the_tables_reasons_say(ax, explanation):
-    plot.ranked_gains(ax, explanation)
+    plot.ranked_gains(explanation, ax=ax)
     (line,) = [line for line in ax.lines if line.get_label() == "threshold, 3 % false-alarm rate"]
     assert FIRST_EFFECT_LEVEL == 0.03 and set(line.get_xdata()) == {explanation.scores.threshold(FIRST_EFFECT_LEVEL)}
 
@@ -276,23 +292,23 @@ def test_a_size_has_its_unit_as_a_person_writes_it(ax, explanation):
     slot = next(slot for slot in explanation.problem.library if "m2" in slot.effect.parameters[0].unit)
     size = slot.effect.parameters[0]
     plot.size_by_window(
-        ax, explanation, replace(explanation.effects[0], effect_parameters=slot, values={size.name: (1.0, 0.1)})
+        explanation, replace(explanation.effects[0], effect_parameters=slot, values={size.name: (1.0, 0.1)}), ax=ax
     )
     assert "m²" in ax.get_ylabel() and "m2" not in ax.get_ylabel()
 
 
 def test_one_window_alone_is_the_same_as_no_other(ax, explanation):
     named = explanation.effects[0]
-    plot.size_by_window(ax, explanation, named)
+    plot.size_by_window(explanation, named, ax=ax)
     assert "p = " in ax.get_title(loc="left")
     alone = replace(named.windows, size=np.where(np.arange(4) == 1, named.windows.size, np.nan))
-    plot.size_by_window(ax, explanation, replace(named, windows=alone))
+    plot.size_by_window(explanation, replace(named, windows=alone), ax=ax)
     assert "p = " not in ax.get_title(loc="left")
 
 
 def test_numbers_stand_out_on_their_cells_and_keep_their_colour(ax, explanation):
     """WCAG 2.2, 1.4.3: 4.5:1 on every cell; the dark page leaves them as they are."""
-    mesh = plot.cosine_similarity(ax, explanation)
+    mesh = plot.cosine_similarity(explanation, ax=ax).collections[0]
     alike = np.asarray(mesh.get_array())
     assert len(ax.texts) == alike.size
     for text, value in zip(ax.texts, alike.ravel(), strict=True):
@@ -300,14 +316,14 @@ def test_numbers_stand_out_on_their_cells_and_keep_their_colour(ax, explanation)
 
 
 def test_a_missing_reading_is_neither_warm_nor_cold(ax, explanation):
-    mesh = plot.residual_map(ax, explanation.after, 1.0, "after")
+    mesh = plot.residual_map(explanation.after, 1.0, "after", ax=ax).collections[0]
     grey = mesh.to_rgba(np.nan)
     assert grey[3] == 1.0 and grey[0] == grey[1] == grey[2] < 0.8
 
 
 def test_the_smooth_remainder_is_drawn_with_the_days_means(ax, unnamed):
     fit, left = unnamed.after, unnamed.residual_tests_after
-    plot.smooth_residual(ax, fit, left)
+    plot.smooth_residual(fit, left, ax=ax)
     lines = [line for line in ax.lines if line.get_label() in ("T1", "T2")]
     for s, line in enumerate(lines):
         np.testing.assert_allclose(line.get_ydata(), left.smooth_residual[:, s])
@@ -319,11 +335,11 @@ def test_the_smooth_remainder_is_drawn_with_the_days_means(ax, unnamed):
 
 def test_where_nothing_was_added_there_is_one_model(adequate):
     _, axes = plot.figure(1, 3)
-    plot.waterfall(axes[0], adequate)
+    plot.waterfall(adequate, ax=axes[0])
     assert len(axes[0].patches) == 1
-    plot.week_temperatures(axes[1], adequate, 0)
+    plot.week_temperatures(adequate, 0, ax=axes[1])
     assert [line.get_label() for line in axes[1].lines] == ["measured", "plain model"]
-    plot.week_residuals(axes[2], adequate, 0)
+    plot.week_residuals(adequate, 0, ax=axes[2])
     assert len(axes[2].lines) == 2  # and the zero
 
 
@@ -349,6 +365,26 @@ def test_one_quarter_that_tells_a_size_is_compared_with_none(explanation):
     title = dict(figures.diagnosis_figures(alone))["windows"].axes[0].get_title(loc="left")
     assert "p =" not in title and "1 of 4 quarters" in title
     assert "(1 of 4 are informative)" in str(alone) and alone.to_dict()["effects"][0]["windows"]["p_value"] is None
+
+
+def test_the_similarity_of_effects_is_shown_only_where_one_may_be_missing(adequate, unnamed):
+    """Where the record is explained, every effect of the matrix is chance."""
+    for found, shown in ((adequate, False), (unnamed, True)):
+        run = Run(found.problem.case, diagnosis=found)
+        drawn_ = [draw_figure(*one) for one in figures.diagnosis_figures(found)]
+        text = page_of(run, result_entries(run), drawn_)
+        assert (found.verdict == "adequate") != shown and ("Similarity of the effects" in text) == shown
+
+
+def test_the_figures_of_a_diagnosis_have_dates(explanation):
+    """Nine days from 6 February 2023."""
+    made = dict(figures.diagnosis_figures(explanation))
+    for stem in ("residuals", "fit", "windows"):
+        ax = made[stem].axes[0]
+        made[stem].draw_without_rendering()
+        texts = {label.get_text() for label in ax.get_xticklabels()}
+        assert ax.get_xlabel() == "time" and texts & {"09", "11", "13"}, (stem, texts)
+        assert ax.xaxis.get_offset_text().get_text() == "2023-Feb"
 
 
 def test_the_alternative_of_a_single_panel_speaks_of_one(adequate):

@@ -1,6 +1,8 @@
 """The report: one page, nothing fetched, every figure with its alternative, every number there."""
 
+import base64
 import json
+import re
 from dataclasses import replace
 from html import unescape
 from importlib import resources
@@ -10,6 +12,7 @@ from xml.etree import ElementTree
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.colors import ListedColormap
 from pages import check, drawings
 
 import wallid
@@ -20,9 +23,9 @@ from wallid.case.record_check import check as check_record
 from wallid.case.time_window import Window
 from wallid.estimation.result_objects import Estimate
 from wallid.models.window_inputs import full_order_model
-from wallid.plot.house_style import KEEP_COLOUR
+from wallid.plot.house_style import DARK, KEEP_COLOUR
 from wallid.reduction.modal_identification import LearnedModel
-from wallid.report import captions
+from wallid.report import captions, svg
 from wallid.report import writer as report
 from wallid.report.captions import alternative_text, figure_caption
 from wallid.report.figures import STEMS, encode_figure
@@ -181,8 +184,56 @@ def test_letters_on_a_ground_of_their_own_keep_their_colour(run):
 
 
 def test_names_on_the_wall_are_read_on_its_own_colour(run):
-    svg = drawing(run, lambda ax: plot.wall(ax, run.case))
+    svg = drawing(run, lambda ax: plot.wall(run.case, ax=ax))
     assert svg.count('"fill: #000"') == len(run.case.sensors), "each sensor's name, black on sand"
+
+
+def test_the_dark_page_has_colours_of_its_own(run):
+    """Every colour of the figures is a variable of the style sheet: one value on white, one on the dark page."""
+
+    def lines(ax):
+        for k, colour in enumerate(DARK):
+            ax.plot([0, 1], [k, k + 1], color=colour)
+
+    svg = drawing(run, lines)
+    sheet, _, drawn = svg.partition("</style>")
+    light, _, dark = sheet.partition("@media screen and (prefers-color-scheme:dark)")
+    dark, _, paper = dark.partition("@media print")
+    for colour, other in DARK.items():
+        name = re.search(rf"--(mark\d):{colour};?", light)[1]
+        assert f"--{name}:{other}" in dark and f"--{name}:{colour}" in paper
+        assert f"stroke: var(--{name})" in drawn and colour.lower() not in drawn
+
+
+def test_marks_on_a_ground_of_their_own_keep_their_colour(run):
+    """Sensors and the errors of their positions stand on sand on every page."""
+    svg = drawing(run, lambda ax: plot.wall(run.case, ax=ax)).partition("</style>")[2]
+    for s in range(len(run.case.sensors)):
+        colour = plot.sensor_colour(s)
+        assert f"fill: {colour.lower()}" in svg.lower(), "the mark"
+        assert f"stroke: {colour.lower()}" in svg.lower(), "the error bar"
+
+
+def test_pixels_have_the_colours_of_the_dark_page_too(run):
+    """A thousand dots are an image; the dark page shows a second one, in its colour."""
+    svg = drawing(run, lambda ax: ax.plot(np.arange(1000), np.sin(np.arange(1000.0)), "o", color=plot.BLUE))
+    sheet, _, drawn = svg.partition("</style>")
+    assert ".on-dark{display:none}" in sheet and ".on-light{display:none}.on-dark{display:inline}" in sheet
+    found = {}
+    for which, encoded in re.findall(
+        r'<image class="on-(light|dark)" xlink:href="data:image/png;base64,\s*([^"]+)"', drawn
+    ):
+        pixels = mpl.image.imread(BytesIO(base64.b64decode(encoded)), format="png")
+        (found[which],) = {tuple(pixel[:3]) for pixel in np.round(255 * pixels[pixels[..., 3] == 1.0]).astype(int)}
+    shown = {which: "#{:02X}{:02X}{:02X}".format(*colour) for which, colour in found.items()}
+    assert shown == {"light": plot.BLUE, "dark": DARK[plot.BLUE]}
+    assert drawn.count(' id="image') <= 1, "an id occurs once"
+
+
+def test_a_map_keeps_its_colours(run):
+    """Red and blue mean warm and cold in its colour bar, whatever the page."""
+    svg = drawing(run, lambda ax: ax.pcolormesh([[0.0, 1.0]], cmap=ListedColormap([plot.RED, plot.BLUE])))
+    assert "<image" in svg and "<image class" not in svg
 
 
 def test_a_light_grey_band_lets_the_page_through(run):
@@ -296,7 +347,7 @@ def test_the_wall_is_drawn_to_scale(run):
     """Faces at both ends and each sensor at its place, crowded ones a line apart."""
     sensors = tuple(replace(s, position=x) for s, x in zip(run.case.sensors, (0.05, 0.06, 0.4), strict=True))
     _, ax = plot.figure(height=1.6)
-    plot.wall(ax, replace(run.case, sensors=sensors))
+    plot.wall(replace(run.case, sensors=sensors), ax=ax)
     places = np.array([line.get_xydata()[0] for line in ax.lines if line.get_marker() in ("o", "^", "s")])
     np.testing.assert_allclose(places[:, 0], [5.0, 6.0, 40.0])
     assert places[0, 1] != places[1, 1] and places[0, 1] == places[2, 1]
@@ -354,6 +405,16 @@ def test_a_page_stays_under_3_mb_whatever_it_shows(run):
     assert 100_000 < len(check(text).text.encode()) < 3e6
 
 
+def test_pixels_are_taken_only_where_they_are_smaller(run, monkeypatch):
+    """A page that is too large may hold lines whose pixels need more bytes than their points."""
+    made, ax = plot.figure()
+    ax.plot(np.cumsum(np.random.default_rng(0).normal(size=300)), color=plot.BLUE)
+    drawn = draw_figure("record", made)
+    monkeypatch.setattr(svg, "_MOST_BYTES", 1000)
+    (uri,) = svg.data_uris([drawn])
+    assert len(uri) <= len(drawn.data_uri)
+
+
 def test_a_readings_interval_is_its_noise_and_what_the_diffusivity_leaves_open(run, fit):
     """By hand: 1.96 times the root of 0.1^2 + (theta std / value)^2, shaded about prediction and zero."""
     case, rows, predicted = run.case, fit.window.rows, fit.predicted
@@ -361,8 +422,8 @@ def test_a_readings_interval_is_its_noise_and_what_the_diffusivity_leaves_open(r
     half = plot.reading_interval(case, fit, theta)
     np.testing.assert_allclose(half[0], 1.959964 * np.array([0.1, 0.125, np.sqrt(0.02)]), rtol=1e-6)
     _, axes = plot.figure(1, 2)
-    plot.measured_against_simulated(axes[0], case, fit, theta)
-    plot.residual(axes[1], case, fit, theta)
+    plot.measured_against_simulated(case, fit, theta, ax=axes[0])
+    plot.residual(case, fit, theta, ax=axes[1])
     for ax, middle in ((axes[0], predicted[:, 1]), (axes[1], np.zeros(rows))):
         assert len(ax.collections) == 3
         edges = ax.collections[1].get_paths()[0].get_extents()

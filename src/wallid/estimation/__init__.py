@@ -2,7 +2,7 @@
 
 from .diffusivity import estimate, seconds_of_estimate
 from .heat_flux import ThermalProperties
-from .iso_9869 import AverageMethod, average_method
+from .iso_9869 import AverageMethod, average_method, resistance_over_time
 from .many_walls import WallEstimates, estimate_walls
 from .many_windows import CampaignEstimate, campaign
 from .prediction import HeatLoads, Prediction, predict
@@ -21,5 +21,6 @@ __all__ = [
     "estimate",
     "estimate_walls",
     "predict",
+    "resistance_over_time",
     "seconds_of_estimate",
 ]

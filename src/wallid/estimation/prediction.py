@@ -21,6 +21,7 @@ from ..models.finite_volume_wall import Output
 from ..models.integration import simulate
 from ..models.state_space import StateSpace
 from ..models.window_inputs import WindowData, check_driven, full_order_model, window_data
+from ..records.row_times import RecordStart
 from .result_objects import Estimate
 
 _LOAD_FACTORS = (0.8, 0.9, 1.0, 1.1, 1.2)  # factors on the diffusivity, as in the paper's figure
@@ -66,6 +67,7 @@ class Prediction:
         sigma: the paper's combined standard uncertainty of each reading, by noise and position, K, `(time, sensor)`.
         profile_eps_2: root mean square residual of the fitted initial profile, K; None where the profile was given.
         loads: heat through the inner face; None where the case states no conductivity.
+        record_start: the origin of `days`.
     """
 
     days: np.ndarray = field(repr=False)
@@ -76,6 +78,7 @@ class Prediction:
     sigma: np.ndarray = field(repr=False)
     profile_eps_2: float | None
     loads: HeatLoads | None
+    record_start: RecordStart = field(default_factory=RecordStart)
 
     @property
     def residual(self) -> np.ndarray:
@@ -183,6 +186,7 @@ def predict(case: Case, fit: Estimate, model: StateSpace | None = None) -> Predi
         ),
         profile_eps_2=fit_profile(case, window.row).eps_2,
         loads=_heat_loads(case, factors, slopes[:, :, -1]),
+        record_start=case.record.start,
     )
 
 

@@ -35,6 +35,7 @@ from ..models.flux_plates import plate_outputs
 from ..models.integration import Integrator
 from ..models.state_space import StateSpace
 from ..models.window_inputs import full_order_model
+from ..records.row_times import RecordStart
 from ..records.uniform_record import Record
 from .fisher_information import (
     UNINFORMATIVE_STD,
@@ -72,6 +73,7 @@ class Design:
         labels: first and last time stamp of the best window.
         criterion_name, of, robust, full: as given to `design`.
         criterion_values: the criterion, `(diffusivity, window)`; None where it is `information`.
+        record_start: the origin of `start_days`.
     """
 
     rows: int
@@ -87,6 +89,7 @@ class Design:
     robust: Robust = "no"
     full: bool = False
     criterion_values: np.ndarray | None = field(default=None, repr=False)
+    record_start: RecordStart = field(default_factory=RecordStart)
 
     @property
     def criterion(self) -> np.ndarray:
@@ -280,6 +283,7 @@ def design(
         robust=robust,
         full=full,
         criterion_values=values,
+        record_start=record.start,
     )
 
 

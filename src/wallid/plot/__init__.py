@@ -1,12 +1,17 @@
-"""Figures of cases, designs, estimates and diagnoses, each drawn on matplotlib Axes that the caller gives.
+"""Figures of cases, designs, estimates and diagnoses, each drawn on matplotlib Axes.
 
-Each figure has units on its axes, and a legend or a colour bar. Panels that share a legend are drawn with
-`legend=False`; `shared_legend` then adds one legend to the figure. No function opens a window. `style()` is the style
-of the figures as a matplotlib context, `STYLE` the same as a dictionary for `plt.style.use`.
+Each function takes the Axes as the keyword `ax` and returns them. Without `ax` it draws on a new figure in the style of
+wallid, which a notebook shows: `plot.record(case)`. `convergence` has two panels: it takes and returns `axes`, a pair.
+
+Each figure has units on its axes, and a legend or a colour bar. Time axes have dates, or days since the start of the
+record where the times of its file are seconds. Panels that share a legend are drawn with `legend=False`;
+`shared_legend` then adds one legend to the figure. No function opens a window. `style()` is the style of the figures as
+a matplotlib context, `STYLE` the same as a dictionary for `plt.style.use`.
 """
 
 from __future__ import annotations
 
+from .average_method import average_resistance
 from .estimate_window import convergence, initial_profile, measured_against_simulated, reading_interval, residual
 from .experiment_design import criterion, sampling_steps, sensor_placement, window_lengths
 from .heat_flux import flux_density, flux_interval, flux_residual, measured_flux
@@ -37,6 +42,7 @@ from .missing_effects import (
 )
 from .model import error_by_order, flux_sensitivity, sensitivity
 from .prediction import heat_load, inner_face_flux, last_week, measurement_uncertainty, residual_density
+from .regressors import regressor_quantities, regressors
 from .residuals import (
     colour_limit,
     cumulative_periodogram,
@@ -59,6 +65,7 @@ __all__ = [
     "SKY",
     "STYLE",
     "YELLOW",
+    "average_resistance",
     "colour_limit",
     "convergence",
     "cosine_similarity",
@@ -83,6 +90,8 @@ __all__ = [
     "ranked_gains",
     "reading_interval",
     "record",
+    "regressor_quantities",
+    "regressors",
     "residual",
     "residual_density",
     "residual_map",

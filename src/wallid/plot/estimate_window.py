@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
@@ -13,24 +15,34 @@ from ..estimation.result_objects import Estimate
 from ..inference.quantity import NORMAL_95
 from .house_style import (
     BLUE,
-    DAYS_LABEL,
     GREEN,
     GREY,
     ORANGE,
     RED,
+    axes_or_new,
     curve_style,
     line_style,
     marker_style,
+    new_axes,
     sensor_colour,
 )
-from .legends import legend_above, shortened, use_constrained_layout
+from .legends import legend_above, legend_below, shortened, use_constrained_layout
 from .logged_record import downsampled, interval_band
+from .time_axis import TimeAxis
 
 _SMALLEST_RANGE = 1e-3  # relative half height of the ordinate: rounding errors are not magnified
 
 
-def initial_profile(ax: Axes, case: Case, window: Window) -> None:
-    """The initial profile of a window, and the readings to which it is fitted."""
+def initial_profile(case: Case, window: Window, *, ax: Axes | None = None) -> Axes:
+    """The initial profile of a window, and the readings to which it is fitted.
+
+    Args:
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
+    """
+    ax = axes_or_new(ax)
     profile = fit_profile(case, window.row)
     x = np.linspace(0.0, 1.0, 101)
     positions = [0.0, *(sensor.position for sensor in case.sensors), case.wall.length]
@@ -43,13 +55,26 @@ def initial_profile(ax: Axes, case: Case, window: Window) -> None:
     fitted = "prescribed" if profile.eps_2 is None else f"residual {profile.eps_2:.2g} K rms"
     ax.set(xlabel="x (m)", ylabel="temperature (°C)", title=f"Initial profile ({fitted})")
     legend_above(ax)
+    return ax
 
 
-def convergence(value_ax: Axes, gamma_ax: Axes, fit: Estimate) -> None:
-    """The diffusivity and the two stopping criteria at each Gauss-Newton step.
+def convergence(fit: Estimate, *, axes: Sequence[Axes] | None = None) -> tuple[Axes, Axes]:
+    """The diffusivity and the two stopping criteria at each Gauss-Newton step, in two panels.
 
     The steps of the weighted least-squares fit come first, then those of the generalised least-squares (GLS) fit.
+
+    Args:
+        axes: two, for the diffusivity and for the stopping criteria; None for a new figure.
+
+    Returns:
+        The two Axes.
+
+    Raises:
+        ValueError: `axes` are not two.
     """
+    if axes is not None and len(axes) != 2:
+        raise ValueError(f"axes: {len(axes)} were given; two are needed, for the diffusivity and the stopping criteria")
+    value_ax, gamma_ax = new_axes(2, width=9.0) if axes is None else axes
     steps = np.arange(len(fit.history["diffusivity"]))
     value_ax.plot(steps, fit.history["diffusivity"], "o-", color=BLUE)
     value_ax.set(xlabel="Gauss-Newton step", ylabel="diffusivity (m²/s)", title="Convergence")
@@ -68,11 +93,12 @@ def convergence(value_ax: Axes, gamma_ax: Axes, fit: Estimate) -> None:
     if fit.rounds and fit.iterations:
         value_ax.axvline(fit.iterations + 0.5, color=GREY, ls=":", lw=1.0, label="start of the GLS fit")
         gamma_ax.axvline(fit.iterations + 0.5, color=GREY, ls=":", lw=1.0)
-        value_ax.legend(loc="lower right")
-    legend_above(gamma_ax)
+        legend_below(value_ax)  # above, the vertical line would strike it
+    legend_below(gamma_ax)
     for ax in (value_ax, gamma_ax):
         use_constrained_layout(ax)
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    return value_ax, gamma_ax
 
 
 def reading_interval(case: Case, fit: Estimate, sensitivity: np.ndarray) -> np.ndarray:
@@ -92,15 +118,21 @@ def reading_interval(case: Case, fit: Estimate, sensitivity: np.ndarray) -> np.n
 
 
 def measured_against_simulated(
-    ax: Axes, case: Case, fit: Estimate, sensitivity: np.ndarray | None = None, *, legend: bool = True
-) -> None:
+    case: Case, fit: Estimate, sensitivity: np.ndarray | None = None, *, legend: bool = True, ax: Axes | None = None
+) -> Axes:
     """Measured and simulated temperatures over the window of an estimate, with 95 % intervals of the readings.
 
     Args:
         sensitivity: as for `reading_interval`; None for no interval.
         legend: False where the panel shares the legend of another.
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
     """
-    days = case.record.days[fit.window.as_slice]
+    ax = axes_or_new(ax)
+    axis = TimeAxis(case.record.start)
+    days = axis.at(case.record.days[fit.window.as_slice])
     record = case.record.window(fit.window.row, fit.window.rows)
     for s, sensor in enumerate(case.sensors):
         if sensitivity is not None:
@@ -110,22 +142,30 @@ def measured_against_simulated(
         ax.plot(*downsampled(days, fit.predicted[:, s]), **line_style(s))
         ax.plot(*downsampled(days, record.sensors[:, s]), ls="none", ms=3, mfc="none", mew=0.7, **marker_style(s))
         ax.plot([], [], ms=3, mfc="none", mew=0.7, **curve_style(s), label=shortened(sensor.name))
-    ax.set(xlabel=DAYS_LABEL, ylabel="temperature (°C)", title="Measured (markers) and simulated (lines)")
+    ax.set(ylabel="temperature (°C)", title="Measured (markers) and simulated (lines)")
+    axis.apply(ax)
     if legend:
         legend_above(ax)
     use_constrained_layout(ax)
+    return ax
 
 
 def residual(
-    ax: Axes, case: Case, fit: Estimate, sensitivity: np.ndarray | None = None, *, legend: bool = True
-) -> None:
+    case: Case, fit: Estimate, sensitivity: np.ndarray | None = None, *, legend: bool = True, ax: Axes | None = None
+) -> Axes:
     """Measured minus simulated temperatures over the window of an estimate, with 95 % intervals of the readings.
 
     Args:
         sensitivity: as for `reading_interval`; None for no interval.
         legend: False where the panel shares the legend of another.
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
     """
-    days = case.record.days[fit.window.as_slice]
+    ax = axes_or_new(ax)
+    axis = TimeAxis(case.record.start)
+    days = axis.at(case.record.days[fit.window.as_slice])
     for s, sensor in enumerate(case.sensors):
         if sensitivity is not None:
             half, alpha = reading_interval(case, fit, sensitivity)[:, s], 0.24 / len(case.sensors)
@@ -134,7 +174,9 @@ def residual(
         curve = downsampled(days[present], fit.residual[present, s])
         ax.plot(*curve, ms=3, mfc="none", mew=0.7, lw=0.7, **curve_style(s), label=shortened(sensor.name))
     ax.axhline(0.0, color=GREY, lw=0.8)
-    ax.set(xlabel=DAYS_LABEL, ylabel="residual (K)", title="Measured minus simulated")
+    ax.set(ylabel="residual (K)", title="Measured minus simulated")
+    axis.apply(ax)
     if legend:
         legend_above(ax)
     use_constrained_layout(ax)
+    return ax

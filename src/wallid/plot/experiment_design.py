@@ -12,30 +12,52 @@ from ..experiment_design.sampling_step import SamplingComparison
 from ..experiment_design.sensor_placement import SensorPlacement
 from ..experiment_design.window_lengths import LengthComparison
 from ..experiment_design.window_selection import Design
-from .house_style import BLUE, GREY, ORANGE, RED, curve_style, sensor_colour
+from .house_style import BLUE, GREY, ORANGE, RED, axes_or_new, curve_style, sensor_colour
 from .legends import legend_above, legend_below
+from .time_axis import TimeAxis
 
 
-def criterion(ax: Axes, design: Design) -> None:
-    """The design criterion against the start of the window, for each diffusivity, with the best window marked."""
+def criterion(design: Design, *, ax: Axes | None = None) -> Axes:
+    """The design criterion against the start of the window, for each diffusivity, with the best window marked.
+
+    Args:
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
+    """
+    ax = axes_or_new(ax)
+    axis = TimeAxis(design.record_start)
+    starts = axis.at(design.start_days)
     for a, (alpha, values) in enumerate(zip(design.diffusivities, design.criterion, strict=True)):
-        ax.plot(design.start_days, values, ms=3, label=rf"$\alpha$ = {format_number(alpha, 2)} m²/s", **curve_style(a))
+        ax.plot(starts, values, ms=3, label=rf"$\alpha$ = {format_number(alpha, 2)} m²/s", **curve_style(a))
     if design.robust != "no":
-        ax.plot(design.start_days, design.relative_criterion, "-", lw=2.0, color=GREY, label=f"{design.robust} over α")
+        ax.plot(starts, design.relative_criterion, "-", lw=2.0, color=GREY, label=f"{design.robust} over α")
     best = design.best.row * design.step / DAY
-    ax.plot([best], [1.0], "o", ms=9, mfc="none", color=RED, label=f"best window, from day {best:g}")
+    begin = f"day {best:g}" if design.record_start.stamp is None else str(design.labels[0])[:16].replace("T", " ")
+    ax.plot([axis.at(best)], [1.0], "o", ms=9, mfc="none", color=RED, label=f"best window, from {begin}")
     length = design.rows * design.step / DAY
     ax.set(
-        xlabel="start of the window (days)",
         ylabel="relative criterion (-)",
         ylim=(0, 1.05),
         title=f"{design.criterion_name}-criterion of windows of {length:.3g} d",
     )
+    axis.apply(ax)
+    ax.set_xlabel(f"start of the window ({axis.label if design.record_start.stamp is None else 'date'})")
     legend_above(ax)
+    return ax
 
 
-def window_lengths(ax: Axes, comparison: LengthComparison) -> None:
-    """The design criterion and, where known, the computing time of an estimate, against the length of the window."""
+def window_lengths(comparison: LengthComparison, *, ax: Axes | None = None) -> Axes:
+    """The design criterion and, where known, the computing time of an estimate, against the length of the window.
+
+    Args:
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
+    """
+    ax = axes_or_new(ax)
     (left,) = ax.plot(comparison.days, comparison.criterion, "o-", color=BLUE, label="criterion")
     ax.set(xlabel="length of the window (days)", ylabel="relative criterion (-)", ylim=(0, 1.08))
     ax.set_title("Criterion and computing time by window length")
@@ -43,20 +65,28 @@ def window_lengths(ax: Axes, comparison: LengthComparison) -> None:
     if not timed.any():
         ax.set_title("Criterion by window length")
         legend_below(ax)
-        return
+        return ax
     cost = ax.twinx()
     milliseconds = 1e3 * comparison.seconds[timed]
     (right,) = cost.plot(comparison.days[timed], milliseconds, "s--", color=ORANGE, label="computing time, median")
     cost.set(ylabel="computing time of an estimate (ms)", ylim=(0, 1.08 * cost.dataLim.y1))
     cost.grid(False)
     legend_below(ax, [left, right])
+    return ax
 
 
-def sensor_placement(ax: Axes, placement: SensorPlacement) -> None:
+def sensor_placement(placement: SensorPlacement, *, ax: Axes | None = None) -> Axes:
     """Expected standard error of the diffusivity with a further sensor at each candidate position.
 
     Dotted lines are the standard errors without it. The selected positions are marked and numbered.
+
+    Args:
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
     """
+    ax = axes_or_new(ax)
     for a, alpha in enumerate(placement.diffusivities):
         label = rf"with a further sensor, $\alpha$ = {format_number(alpha, 2)} m²/s"
         ax.plot(placement.candidates, placement.std[0, a], ms=3, label=label, **curve_style(a))
@@ -77,13 +107,21 @@ def sensor_placement(ax: Axes, placement: SensorPlacement) -> None:
     )
     ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:g}"))
     legend_below(ax)
+    return ax
 
 
-def sampling_steps(ax: Axes, comparison: SamplingComparison) -> None:
+def sampling_steps(comparison: SamplingComparison, *, ax: Axes | None = None) -> Axes:
     """Expected standard error and interpolation bias of the diffusivity, against the sampling step.
 
     The bias comes from linear interpolation of the boundary temperatures between rows.
+
+    Args:
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
     """
+    ax = axes_or_new(ax)
     ax.loglog(comparison.steps, comparison.std, "o-", color=BLUE, label="standard error")
     biased = np.abs(comparison.interpolation_bias) > 1e-6
     ax.loglog(
@@ -101,3 +139,4 @@ def sampling_steps(ax: Axes, comparison: SamplingComparison) -> None:
     ax.yaxis.set_minor_locator(NullLocator())
     ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:g}"))
     legend_below(ax)
+    return ax

@@ -9,10 +9,11 @@ from ..case.case_definition import Case
 from ..estimation.result_objects import Estimate
 from ..inference.quantity import NORMAL_95
 from ..models.flux_plates import flux_noise_std
-from .house_style import BLUE, DAYS_LABEL, GREY, ORANGE, sensor_colour
+from .house_style import BLUE, GREY, ORANGE, PURPLE, axes_or_new
 from .legends import legend_above
 from .logged_record import downsampled, interval_band
 from .prediction import residual_densities
+from .time_axis import TimeAxis
 
 
 def flux_interval(case: Case, fit: Estimate, plate: int) -> np.ndarray:
@@ -33,40 +34,71 @@ def flux_interval(case: Case, fit: Estimate, plate: int) -> np.ndarray:
     return NORMAL_95 * np.hypot(flux_noise_std(case), flux * conductivity.std / conductivity.value)
 
 
-def measured_flux(ax: Axes, case: Case, fit: Estimate, plate: int) -> None:
-    """Measured and simulated flux of a plate over the window of an estimate, with 95 % intervals of the readings."""
+def measured_flux(case: Case, fit: Estimate, plate: int, *, ax: Axes | None = None) -> Axes:
+    """Measured and simulated flux of a plate over the window of an estimate, with 95 % intervals of the readings.
+
+    Args:
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
+    """
+    ax = axes_or_new(ax)
     assert fit.thermal is not None
     face = list(fit.thermal.plate_gains)[plate]
-    days, predicted = case.record.days[fit.window.as_slice], fit.predicted[:, fit.sensor_count + plate]
+    axis, predicted = TimeAxis(case.record.start), fit.predicted[:, fit.sensor_count + plate]
+    days = axis.at(case.record.days[fit.window.as_slice])
     present = np.isfinite(fit.residual[:, fit.sensor_count + plate])
     half = np.where(present, flux_interval(case, fit, plate), np.nan)
     interval_band(ax, days, predicted, half, GREY, 0.25)
-    # a wide line below the markers, so that both are visible where they agree
-    ax.plot(*downsampled(days[present], predicted[present]), color=GREY, lw=2.4, label="simulated")
     readings = case.record.regressors[f"flux_{face}"][fit.window.as_slice]
-    ax.plot(*downsampled(days, readings), ".", ms=2.5, color=ORANGE, label="measured")
-    ax.set(xlabel=DAYS_LABEL, ylabel="heat flux (W/m²)", title=f"Flux at the {face} face, positive along +x")
+    # a thin dark line on wide bright dots, so that both are visible where they agree
+    ax.plot(*downsampled(days, readings), "o", ms=3.5, mew=0, color=ORANGE, label="measured")
+    ax.plot(*downsampled(days[present], predicted[present]), color=BLUE, lw=1.1, label="simulated")
+    axis.apply(ax)
+    ax.set(ylabel="heat flux (W/m²)", title=f"Flux at the {face} face, positive along +x")
     legend_above(ax)
+    return ax
 
 
-def flux_residual(ax: Axes, case: Case, fit: Estimate, plate: int) -> None:
-    """Residual of the flux of a plate over the window of an estimate, with the 95 % band of the stated noise."""
+def flux_residual(case: Case, fit: Estimate, plate: int, *, ax: Axes | None = None) -> Axes:
+    """Residual of the flux of a plate over the window of an estimate, with the 95 % band of the stated noise.
+
+    Args:
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
+    """
+    ax = axes_or_new(ax)
     residual = fit.residual[:, fit.sensor_count + plate]
     present = np.isfinite(residual)
-    days = case.record.days[fit.window.as_slice]
-    ax.plot(*downsampled(days[present], residual[present]), ".-", ms=3, lw=0.7, color=sensor_colour(plate))
+    axis = TimeAxis(case.record.start)
+    days = axis.at(case.record.days[fit.window.as_slice])
+    ax.plot(*downsampled(days[present], residual[present]), ".-", ms=3, lw=0.7, color=PURPLE)
     band = NORMAL_95 * flux_noise_std(case)
     ax.axhspan(-band, band, color=GREY, alpha=0.15, lw=0, label="stated noise, 95 %")
     ax.axhline(0.0, color=GREY, lw=0.8)
-    ax.set(xlabel=DAYS_LABEL, ylabel="residual (W/m²)", title="Measured minus simulated")
+    axis.apply(ax)
+    ax.set(ylabel="residual (W/m²)", title="Measured minus simulated")
     legend_above(ax)
+    return ax
 
 
-def flux_density(ax: Axes, case: Case, fit: Estimate, plate: int) -> None:
-    """Probability density of the residual of a plate, and of the stated noise."""
+def flux_density(case: Case, fit: Estimate, plate: int, *, ax: Axes | None = None) -> Axes:
+    """Probability density of the residual of a plate, and of the stated noise.
+
+    Args:
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
+    """
+    ax = axes_or_new(ax)
     residual = fit.residual[:, fit.sensor_count + plate]
     residual_densities(
-        ax, (("estimate", residual, BLUE),), np.full(len(residual), flux_noise_std(case)), "stated noise"
+        ax, (("estimate", residual, PURPLE),), np.full(len(residual), flux_noise_std(case)), "stated noise"
     )
     ax.set(xlabel="measured minus simulated (W/m²)", ylabel="density (m²/W)", title="Density of the residual")
     legend_above(ax)
+    return ax

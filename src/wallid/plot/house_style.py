@@ -1,16 +1,19 @@
 """The style of all figures: colours, lines and markers that remain distinct under colour vision deficiency.
 
-Each colour has a contrast of at least 3:1 with the white and with the dark page (WCAG 2.2, success criterion 1.4.11).
+Each colour has a contrast of at least 3:1 with the white page (WCAG 2.2, success criterion 1.4.11). On the dark page
+it is replaced by that of `DARK`, with at least 4.5:1: thin lines and small dots are seen worse on dark than on light.
 Each sensor also has its own kind of line and marker.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
@@ -21,8 +24,18 @@ BLUE, ORANGE, GREEN, PURPLE, SKY, RED, GREY = (
     "#A626BF",
     "#4089FF",
     "#CC3D33",
-    "#5A5A5A",  # replaced by a lighter grey on the dark page
+    "#5A5A5A",
 )
+DARK = {
+    BLUE: "#138EB4",
+    ORANGE: "#F3B119",
+    GREEN: "#3AE278",
+    PURPLE: "#DF24FF",
+    SKY: "#9FCEFD",
+    RED: "#F24F33",
+    GREY: "#A9B0B6",
+}
+"""The colour that replaces each on a dark page."""
 YELLOW = "#F0E442"
 """For bands only: the contrast of a yellow line or marker would be too low."""
 SENSOR_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY)  # grey and red are the colours of the faces
@@ -32,8 +45,6 @@ FACE_COLOURS = (GREY, RED)
 """Colours of the left and the right face."""
 KEEP_COLOUR = "keep-colour"
 """The gid of artists that keep their colour on the dark page, such as text on a coloured background."""
-
-DAYS_LABEL = "days since the start of the record"
 
 STYLE = {
     "font.size": 9,
@@ -57,20 +68,46 @@ def style() -> AbstractContextManager[Any]:
     return mpl.rc_context(STYLE)  # pyright: ignore[reportArgumentType]
 
 
-def figure(rows: int = 1, columns: int = 1, *, width: float = 7.2, height: float = 2.6) -> tuple[Figure, Any]:
+def figure(
+    rows: int = 1, columns: int = 1, *, width: float = 7.2, height: float | Sequence[float] = 2.6
+) -> tuple[Figure, Any]:
     """An empty figure in the style of wallid, and its Axes.
 
     Args:
         rows, columns: number of panels.
         width: of the figure, inches.
-        height: of each row of panels, inches.
+        height: of each row of panels, inches; one for all, or one for each.
 
     Returns:
         The figure, and its Axes as `Figure.subplots` gives them.
     """
+    heights = [float(height)] * rows if isinstance(height, int | float) else list(height)
     with style():
-        empty = Figure(figsize=(width, height * rows))
-        return empty, empty.subplots(rows, columns)
+        empty = Figure(figsize=(width, sum(heights)))
+        return empty, empty.subplots(rows, columns, height_ratios=heights)
+
+
+def axes_or_new(ax: Axes | None, *, height: float = 3.2) -> Axes:
+    """The given Axes; or those of a new pyplot figure in the style of wallid, which notebooks show.
+
+    Args:
+        ax: None for a new figure.
+        height: of the new figure, inches.
+    """
+    return new_axes(1, height=height)[0] if ax is None else ax
+
+
+def new_axes(columns: int, *, width: float = 7.2, height: float = 3.2) -> tuple[Axes, ...]:
+    """The Axes of a new pyplot figure in the style of wallid, side by side.
+
+    Args:
+        columns: number of panels.
+        width, height: of the figure, inches.
+    """
+    import matplotlib.pyplot as plt  # late: the commands draw without pyplot
+
+    with style():
+        return tuple(plt.subplots(1, columns, figsize=(width, height), squeeze=False)[1][0])
 
 
 def sensor_colour(sensor: int) -> str:

@@ -12,13 +12,15 @@ from .._internal.units import DAY
 from ..case.case_definition import Case
 from ..case.time_window import Window
 from ..case.wall_and_sensors import SIDES
-from .house_style import DAYS_LABEL, FACE_COLOURS, GREY, ORANGE, YELLOW, line_style, marker_style, sensor_colour
+from .house_style import FACE_COLOURS, GREY, ORANGE, YELLOW, axes_or_new, line_style, marker_style, sensor_colour
 from .legends import legend_above, legend_below, shortened
+from .time_axis import TimeAxis
 
 BLACK = "#000000"
 _CURVE_POINTS = 3000  # more are not visible in a figure of this width
 _BAND_POINTS = 1000
 _FEW_SENSORS = 8  # with up to so many, the legend also gives their positions
+_SPIKE_MARGIN = 0.5  # of the range of the temperatures: spikes farther away are drawn at this distance
 _NARROWEST = 0.004  # share of the record, about the width of a line: shorter events are drawn this wide, or by a marker
 
 
@@ -43,13 +45,21 @@ def interval_band(ax: Axes, days: np.ndarray, middle: np.ndarray, half: np.ndarr
     ax.fill_between(days[rows], low, high, color=colour, alpha=alpha, lw=0)
 
 
-def record(ax: Axes, case: Case, window: Window | None = None) -> None:
+def record(case: Case, window: Window | None = None, *, spikes: bool = False, ax: Axes | None = None) -> Axes:
     """Temperatures of faces and sensors over the entire record, with interpolated rows and breaks.
 
     Args:
         window: shaded; None for none.
+        spikes: whether the spikes that were removed while the record was read are marked. Those far from all other
+            temperatures are marked nearer, by triangles, so that they do not set the scale.
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
     """
-    logged, days = case.record, case.record.days
+    ax = axes_or_new(ax)
+    logged, axis = case.record, TimeAxis(case.record.start)
+    days = axis.at(logged.days)
     faces = np.where(logged.broken[:, None], np.nan, logged.faces)
     for side, (name, colour) in enumerate(zip(SIDES, FACE_COLOURS, strict=True)):
         exposure = "outside" if case.wall.outside == name else "inside"
@@ -67,8 +77,32 @@ def record(ax: Axes, case: Case, window: Window | None = None) -> None:
         ax.axvspan(first, last, color=YELLOW, alpha=0.35, lw=0, label="window used")
     _mark_filled(ax, case, days)
     _mark_breaks(ax, case, days, label="break of the record")
-    ax.set(xlabel=DAYS_LABEL, ylabel="temperature (°C)", title=f"Record {case.name}")
+    if spikes:
+        _mark_spikes(ax, case, axis, np.concatenate([faces.ravel(), logged.sensors.ravel()]))
+    ax.set(ylabel="temperature (°C)", title=f"Record {case.name}")
+    axis.apply(ax)
     legend_above(ax)
+    return ax
+
+
+def _mark_spikes(ax: Axes, case: Case, axis: TimeAxis, temperatures: np.ndarray) -> None:
+    """Mark the removed spikes: a cross at their value, or a triangle that points to it where it is far away."""
+    columns = (*case.record.cleaning.faces, *case.record.names)
+    spikes = [found for name, found in case.record.cleaning.spikes.items() if name in columns]
+    if not spikes:
+        return
+    seconds, values = np.concatenate(spikes).T
+    low, high = np.nanmin(temperatures), np.nanmax(temperatures)
+    margin = _SPIKE_MARGIN * max(high - low, 1.0)
+    shown = np.clip(values, low - margin, high + margin)
+    for marker, which, where in (
+        ("x", shown == values, ""),
+        ("^", values > shown, ", higher than shown"),
+        ("v", values < shown, ", lower than shown"),
+    ):
+        if which.any():
+            days = axis.at(seconds[which] / DAY)
+            ax.plot(days, shown[which], marker, ms=5, color=BLACK, ls="none", label=f"spike removed{where}", zorder=4)
 
 
 def _mark_filled(ax: Axes, case: Case, days: np.ndarray) -> None:
@@ -101,22 +135,33 @@ def _mark_breaks(ax: Axes, case: Case, days: np.ndarray, label: str | None = Non
         label = None
 
 
-def data_availability(ax: Axes, case: Case) -> None:
-    """When each face and sensor has readings, and which values were interpolated, masked or are missing."""
-    logged, days = case.record, case.record.days
+def data_availability(case: Case, *, ax: Axes | None = None) -> Axes:
+    """When each face, sensor and further column has readings; which values were interpolated, masked or are missing.
+
+    Args:
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
+    """
+    ax = axes_or_new(ax)
+    logged, axis = case.record, TimeAxis(case.record.start)
+    days = axis.at(logged.days)
     std = np.zeros((logged.rows, 2)) if logged.fill_std is None else logged.fill_std
-    names = ["left face", "right face", *(shortened(name) for name in logged.names)]
-    columns = (*logged.cleaning.faces, *logged.names)
+    names = ["left face", "right face", *(shortened(name) for name in (*logged.names, *logged.regressors))]
+    columns = (*logged.cleaning.faces, *logged.names, *logged.regressors)
+    others = [*logged.sensors.T, *logged.regressors.values()]
     keys: list[Artist] = [Patch(color=GREY, label="readings")]
     any_filled = any_lost = False
     for k, column in enumerate(columns):
         filled = (std[:, k] > 0) & ~logged.broken if k < 2 else np.zeros(logged.rows, bool)
-        present = std[:, k] == 0 if k < 2 else _between_readings(np.isfinite(logged.sensors[:, k - 2]))
-        _bars(ax, days, _runs(present), k, FACE_COLOURS[k] if k < 2 else sensor_colour(k - 2))
+        present = std[:, k] == 0 if k < 2 else _between_readings(np.isfinite(others[k - 2]))
+        _bars(ax, days, _runs(present), k, _row_colour(k, len(logged.names)))
         _bars(ax, days, _runs(filled), k, ORANGE, _NARROWEST)
         gaps = _runs(~present & ~filled & ~logged.broken)
-        lost = [0.5 * (days[a] + days[b - 1]) for a, b in gaps if days[b - 1] - days[a] < _NARROWEST * days[-1]]
-        lost += list(logged.cleaning.masked.get(column, np.array([])) / DAY)
+        short = _NARROWEST * (days[-1] - days[0])
+        lost = [0.5 * (days[a] + days[b - 1]) for a, b in gaps if days[b - 1] - days[a] < short]
+        lost += list(axis.at(logged.cleaning.masked.get(column, np.array([])) / DAY))
         ax.plot(lost, np.full(len(lost), k), "|", ms=11, mew=1.2, color=BLACK)
         any_filled, any_lost = any_filled or filled.any(), any_lost or bool(lost)
     _mark_breaks(ax, case, days)
@@ -126,10 +171,19 @@ def data_availability(ax: Axes, case: Case) -> None:
         keys.append(Line2D([], [], ls="none", marker="|", ms=9, color=BLACK, label="single reading missing or masked"))
     if logged.cleaning.breaks:
         keys.append(Patch(color=GREY, alpha=0.2, label="break of the record"))
-    ax.set_yticks(range(len(names)), names)
-    ax.set(xlabel=DAYS_LABEL, ylim=(len(names) - 0.5, -0.5), title="Available readings")
+    ax.set_yticks(range(len(names)), [name.replace("_", " ") if name in logged.regressors else name for name in names])
+    ax.set(ylim=(len(names) - 0.5, -0.5), title="Available readings")
+    axis.apply(ax)
     ax.grid(axis="y", visible=False)
     legend_below(ax, keys)
+    return ax
+
+
+def _row_colour(row: int, sensors: int) -> str:
+    """Colour of a row of the available readings: faces, then sensors, then further columns in grey."""
+    if row < 2:
+        return FACE_COLOURS[row]
+    return sensor_colour(row - 2) if row - 2 < sensors else GREY
 
 
 def _between_readings(present: np.ndarray) -> np.ndarray:

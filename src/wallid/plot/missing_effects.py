@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
 
 from .._internal.number_formats import format_unit
 from .._internal.units import DAY
@@ -16,12 +15,16 @@ from ..discrepancy.effect_fit import EffectFit
 from ..discrepancy.effect_results import NamedEffect
 from ..discrepancy.problem import EffectParameters
 from ..inference.quantity import NORMAL_95
-from .house_style import BLUE, DAYS_LABEL, GREEN, GREY, KEEP_COLOUR, ORANGE, RED, SKY, text_colour_on
+from .house_style import BLUE, GREEN, GREY, KEEP_COLOUR, ORANGE, RED, SKY, axes_or_new, text_colour_on
 from .legends import legend_above, legend_below, root_figure, use_constrained_layout
 from .residuals import sensor_names
+from .time_axis import TimeAxis
 
 _WEEK = 7 * DAY
 _MOST_EFFECTS = 12
+_WATERFALL_ROOM = 1.15  # highest ordinate over the highest bar: room for its number
+_LABEL_POINTS = 14.0  # height of a bar's number, with its distance to the bar
+_LAYOUT_SHARE = 0.6  # of the height of the Axes that remains when title, labels and legend have their room
 
 
 def worst_week(fit: EffectFit) -> slice:
@@ -38,37 +41,50 @@ def worst_week(fit: EffectFit) -> slice:
     return slice(first, first + rows)
 
 
-def week_temperatures(ax: Axes, diagnosis: Diagnosis, sensor: int, *, legend: bool = True) -> None:
+def week_temperatures(diagnosis: Diagnosis, sensor: int, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Temperatures of a sensor over the worst week of the plain model: measured, plain model, model with effects.
 
     Args:
         sensor: its index.
         legend: False where the panel shares the legend of another.
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
     """
-    week, days = worst_week(diagnosis.before), diagnosis.problem.record.days
+    ax = axes_or_new(ax)
+    week, axis = worst_week(diagnosis.before), TimeAxis(diagnosis.problem.record.start)
+    days = axis.at(diagnosis.problem.record.days)
     before, after = diagnosis.before, diagnosis.after
     ax.plot(days[week], before.problem.record.sensors[week, sensor], ".", ms=3.5, color=GREY, label="measured")
     ax.plot(days[week], before.predicted[week, sensor], "--", color=ORANGE, label="plain model")
     if after.active:
         ax.plot(days[week], after.predicted[week, sensor], color=BLUE, label=_model_label(diagnosis))
+    axis.apply(ax)
     ax.set(
-        xlabel=DAYS_LABEL,
         ylabel="temperature (°C)",
         title=f"{sensor_names(before)[sensor]}: worst week of the plain model",
     )
     if legend:
         legend_above(ax)
     use_constrained_layout(ax)
+    return ax
 
 
-def week_residuals(ax: Axes, diagnosis: Diagnosis, sensor: int, *, legend: bool = True) -> None:
+def week_residuals(diagnosis: Diagnosis, sensor: int, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Residual of a sensor over the worst week of the plain model, without and with effects.
 
     Args:
         sensor: its index.
         legend: False where the panel shares the legend of another.
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
     """
-    week, days = worst_week(diagnosis.before), diagnosis.problem.record.days
+    ax = axes_or_new(ax)
+    week, axis = worst_week(diagnosis.before), TimeAxis(diagnosis.problem.record.start)
+    days = axis.at(diagnosis.problem.record.days)
     shown = [(diagnosis.before, ORANGE, ".--", "plain model")]
     if diagnosis.after.active:
         shown.append((diagnosis.after, BLUE, ".-", _model_label(diagnosis)))
@@ -78,10 +94,12 @@ def week_residuals(ax: Axes, diagnosis: Diagnosis, sensor: int, *, legend: bool 
         ax.plot(days[week][present], residual[present], line, ms=2.5, lw=0.8, color=colour, label=label)
     ax.axhline(0.0, color=GREY, lw=0.8)
     name = sensor_names(diagnosis.before)[sensor]
-    ax.set(xlabel=DAYS_LABEL, ylabel="residual (K)", title=f"{name}: measured minus simulated")
+    axis.apply(ax)
+    ax.set(ylabel="residual (K)", title=f"{name}: measured minus simulated")
     if legend:
         legend_above(ax)
     use_constrained_layout(ax)
+    return ax
 
 
 def waterfall_steps(diagnosis: Diagnosis) -> list[tuple[str, float]]:
@@ -114,11 +132,18 @@ def _best_fit(diagnosis: Diagnosis, effects: set[EffectParameters]) -> EffectFit
     return min(fits, key=lambda fit: fit.cost, default=None)
 
 
-def waterfall(ax: Axes, diagnosis: Diagnosis) -> None:
+def waterfall(diagnosis: Diagnosis, *, ax: Axes | None = None) -> Axes:
     """Waterfall chart of the residual (root mean square): plain model, change by each effect, model with effects.
 
     A dashed line is the value that the noise alone would give. Diamonds are the values on held-out days.
+
+    Args:
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
     """
+    ax = axes_or_new(ax)
     gap, steps = diagnosis.gap, waterfall_steps(diagnosis)
     bars = [("plain model", 0.0, gap.before, GREY)]
     bars += [(f"+ {label}{_refused(diagnosis)}", above, below, SKY) for (_, above), (label, below) in pairwise(steps)]
@@ -126,12 +151,14 @@ def waterfall(ax: Axes, diagnosis: Diagnosis) -> None:
     if diagnosis.after.active:
         bars.append((_model_label(diagnosis), 0.0, gap.after, BLUE))
         held_out.append((len(bars) - 1, gap.held_out_after))
+    highest = max([gap.before, gap.after, gap.noise_floor, *(value for _, value in held_out if value is not None)])
+    top = _WATERFALL_ROOM * highest
     for bar, (_, low, high, colour) in enumerate(bars):
         ax.bar(bar, high - low, bottom=low, width=0.6, color=colour)
         text = f"{high:.3g}" if low == 0.0 else f"{high - low:+.3g}".replace("-", "\N{MINUS SIGN}")
-        ax.annotate(
-            text, (bar, max(low, high)), (0, 2), textcoords="offset points", ha="center", va="bottom", fontsize=8
-        )
+        end = max(low, high)
+        above = gap.noise_floor if 0.0 <= gap.noise_floor - end < _label_height(ax, top) else end  # not across the line
+        ax.annotate(text, (bar, above), (0, 2), textcoords="offset points", ha="center", va="bottom", fontsize=8)
     for bar, (_, value) in enumerate(steps):  # connects the end of a bar with the next bar
         if bar + 1 < len(bars):
             ax.plot([bar + 0.3, bar + 0.7], [value, value], color=GREY, lw=0.8)
@@ -141,24 +168,38 @@ def waterfall(ax: Axes, diagnosis: Diagnosis) -> None:
         # right of the number above the middle of the bar
         ax.plot(*zip(*markers, strict=True), "D", ms=5, mfc="white", color=ORANGE, ls="none", label="on held-out days")
     ax.set_xticks(range(len(bars)), [_wrapped(label) for label, *_ in bars])
-    highest = max([gap.before, gap.after, gap.noise_floor, *(value for _, value in markers)])
     margin = max(0.6, 1.5 - 0.5 * (len(bars) - 1))  # keeps a single bar narrow
-    ax.set(ylabel="residual, root mean square (K)", ylim=(0, 1.35 * highest), xlim=(-margin, len(bars) - 1 + margin))
+    ax.set(ylabel="residual, root mean square (K)", ylim=(0, top), xlim=(-margin, len(bars) - 1 + margin))
     unexplained = ", not explained by a known effect" if diagnosis.verdict == "unnamed" else ""
     ax.set_title(f"Residual of the models{unexplained}")
     ax.grid(False, axis="x")
-    ax.legend(loc="upper right", ncols=2)
-    use_constrained_layout(ax)
+    legend_above(ax)
+    return ax
 
 
-def ranked_gains(ax: Axes, diagnosis: Diagnosis, count: int = _MOST_EFFECTS) -> None:
+def _label_height(ax: Axes, top: float) -> float:
+    """Height of a bar's number with its distance to the bar, K; the layout makes the Axes lower than they are now.
+
+    Args:
+        top: upper limit of the ordinate, K.
+    """
+    inches = _LAYOUT_SHARE * ax.get_window_extent().height / root_figure(ax).dpi
+    return _LABEL_POINTS / 72.0 / inches * top
+
+
+def ranked_gains(diagnosis: Diagnosis, count: int = _MOST_EFFECTS, *, ax: Axes | None = None) -> Axes:
     """Gain of each effect when it alone is added to the plain model: expected, and after a refit where present is one.
 
     The gain is the decrease of -2 log L. The expected gain is that of the score test.
 
     Args:
         count: number of effects, those of the largest expected gain.
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
     """
+    ax = axes_or_new(ax)
     rows = [row for row in diagnosis.table[:count] if row.expected_gain > 0]
     named = {effect.effect_parameters for effect in diagnosis.effects}
     rivals = {rival for effect in diagnosis.effects for rival in effect.alternatives}
@@ -185,11 +226,12 @@ def ranked_gains(ax: Axes, diagnosis: Diagnosis, count: int = _MOST_EFFECTS) -> 
     )
     ax.invert_yaxis()
     legend_below(ax)
+    return ax
 
 
 def cosine_similarity(
-    ax: Axes, diagnosis: Diagnosis, count: int = _MOST_EFFECTS, *, colour_bar: bool = True
-) -> QuadMesh:
+    diagnosis: Diagnosis, count: int = _MOST_EFFECTS, *, colour_bar: bool = True, ax: Axes | None = None
+) -> Axes:
     """Cosine between the residual changes that the effects cause, for the effects of the largest expected gain.
 
     The changes are whitened and orthogonal to the estimated and nuisance parameters. At 1, two effects change the
@@ -198,10 +240,12 @@ def cosine_similarity(
     Args:
         count: number of effects.
         colour_bar: False where the caller draws it.
+        ax: to draw on; None for a new figure.
 
     Returns:
-        The cells, for a colour bar.
+        The Axes.
     """
+    ax = axes_or_new(ax)
     use_constrained_layout(ax)
     scores = diagnosis.scores
     candidates = scores.best(count)
@@ -226,31 +270,40 @@ def cosine_similarity(
     ax.set_title("Similarity of the effects in this record")
     if colour_bar:
         root_figure(ax).colorbar(mesh, ax=ax, label="|cosine| (-); 1: indistinguishable")
-    return mesh
+    return ax
 
 
-def size_by_window(ax: Axes, diagnosis: Diagnosis, named: NamedEffect) -> None:
-    """Size of an effect with its 95 % interval, from each quarter of the record and from the entire record."""
+def size_by_window(diagnosis: Diagnosis, named: NamedEffect, *, ax: Axes | None = None) -> Axes:
+    """Size of an effect with its 95 % interval, from each quarter of the record and from the entire record.
+
+    Args:
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
+    """
+    ax = axes_or_new(ax)
     size = named.effect_parameters.effect.parameters[0]
     value, std = named.values[size.name]
     windows = named.windows
     ax.axhspan(value - NORMAL_95 * std, value + NORMAL_95 * std, color=SKY, alpha=0.35, lw=0, label="entire record")
     ax.axhline(value, color=BLUE, lw=1.0)
-    ax.errorbar(
-        windows.days, windows.size, NORMAL_95 * windows.std, fmt="o", color=GREY, capsize=3, label="one quarter"
-    )
-    ax.axhline(0.0, color=RED, ls="--", lw=1.0, label="no effect")
     record = diagnosis.problem.record
+    axis = TimeAxis(record.start)
+    days, half = axis.at(windows.days), NORMAL_95 * windows.std
+    ax.errorbar(days, windows.size, half, fmt="o", color=GREY, capsize=3, label="one quarter")
+    ax.axhline(0.0, color=RED, ls="--", lw=1.0, label="no effect")
+    axis.apply(ax)
     ax.set(
-        xlabel=DAYS_LABEL,
         ylabel=f"{size.name.replace('_', ' ')} ({format_unit(size.unit) or '-'})",
-        xlim=(0, record.rows * record.step / DAY),
+        xlim=tuple(axis.at(np.array([0.0, record.rows * record.step / DAY]))),
     )
     agreement = f"; {windows.informative_windows} of {len(windows.size)} quarters are informative"
     if windows.informative_windows > 1:
         agreement = f"; equal in all quarters: p = {windows.p_value:.2g}"
     ax.set_title(f"{diagnosis.problem.label(named.effect_parameters.effect)}, 95 %{agreement}", wrap=True)
     legend_above(ax)
+    return ax
 
 
 def _model_label(diagnosis: Diagnosis) -> str:

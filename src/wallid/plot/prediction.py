@@ -8,35 +8,48 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ..estimation.prediction import HeatLoads, Prediction
-from .house_style import BLUE, DAYS_LABEL, GREY, ORANGE, line_style
-from .legends import legend_above, shortened, use_constrained_layout
+from .house_style import BLUE, GREY, ORANGE, axes_or_new, line_style
+from .legends import legend_above, legend_below, shortened, use_constrained_layout
+from .time_axis import TimeAxis
 
 
-def last_week(ax: Axes, prediction: Prediction, sensor: int) -> None:
+def last_week(prediction: Prediction, sensor: int, *, ax: Axes | None = None) -> Axes:
     """Measured temperature of a sensor in the last seven days, and its predictions with prior and estimate.
 
     Args:
         sensor: its index.
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
     """
-    days = prediction.days
+    ax = axes_or_new(ax)
+    axis = TimeAxis(prediction.record_start)
+    days = axis.at(prediction.days)
     week = days >= days[-1] - 7.0
     ax.plot(days[week], prediction.measured[week, sensor], ".", ms=3, color=GREY, label="measured")
     ax.plot(days[week], prediction.predicted_with_prior[week, sensor], "--", color=ORANGE, label="predicted with prior")
     ax.plot(days[week], prediction.predicted[week, sensor], color=BLUE, label="predicted with estimate")
+    axis.apply(ax)
     ax.set(
-        xlabel=DAYS_LABEL,
         ylabel="temperature (°C)",
         title=f"{shortened(prediction.sensor_names[sensor])}: last week",
     )
     legend_above(ax)
+    return ax
 
 
-def residual_density(ax: Axes, prediction: Prediction, sensor: int) -> None:
+def residual_density(prediction: Prediction, sensor: int, *, ax: Axes | None = None) -> Axes:
     """Probability density of the residual of a sensor, with prior and estimate, and of the measurement uncertainty.
 
     Args:
         sensor: its index.
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
     """
+    ax = axes_or_new(ax)
     pairs = (
         ("with prior", prediction.residual_with_prior[:, sensor], ORANGE),
         ("with estimate", prediction.residual[:, sensor], BLUE),
@@ -48,6 +61,7 @@ def residual_density(ax: Axes, prediction: Prediction, sensor: int) -> None:
         title=f"{shortened(prediction.sensor_names[sensor])}: residual",
     )
     legend_above(ax)
+    return ax
 
 
 def residual_densities(
@@ -74,11 +88,18 @@ def residual_densities(
     ax.plot(x, normal @ share, color=GREY, label=name)
 
 
-def measurement_uncertainty(ax: Axes, prediction: Prediction) -> None:
+def measurement_uncertainty(prediction: Prediction, *, ax: Axes | None = None) -> Axes:
     """Probability density of the standard uncertainty of the readings of each sensor.
 
     It combines the sensor noise and the position error, which acts through the temperature gradient.
+
+    Args:
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
     """
+    ax = axes_or_new(ax)
     for s, name in enumerate(prediction.sensor_names):
         sigma = prediction.sigma[:, s]
         if np.ptp(sigma) < 1e-9:
@@ -86,19 +107,45 @@ def measurement_uncertainty(ax: Axes, prediction: Prediction) -> None:
         else:
             ax.hist(sigma, bins=50, density=True, histtype="step", lw=1.4, label=shortened(name), **line_style(s))
     ax.set(xlabel="standard uncertainty (K)", ylabel="density (1/K)", title="Noise and position error combined")
-    legend_above(ax)
+    legend_below(ax)  # above, the vertical lines would strike it
+    return ax
 
 
-def inner_face_flux(ax: Axes, days: np.ndarray, loads: HeatLoads) -> None:
-    """Heat flux through the inner face over the record, positive along +x."""
+def inner_face_flux(prediction: Prediction, *, ax: Axes | None = None) -> Axes:
+    """Heat flux through the inner face over the record, positive along +x.
+
+    Args:
+        prediction: with heat loads.
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
+
+    Raises:
+        ValueError: the prediction has no heat loads.
+    """
+    if prediction.loads is None:
+        raise ValueError("prediction: it has no heat loads; state the conductivity (W/m/K) of the wall in the case")
+    ax = axes_or_new(ax)
     use_constrained_layout(ax)
-    ax.plot(days, loads.flux, color=BLUE, lw=0.8)
+    axis = TimeAxis(prediction.record_start)
+    ax.plot(axis.at(prediction.days), prediction.loads.flux, color=BLUE, lw=0.8)
     ax.axhline(0.0, color=GREY, lw=0.8)
-    ax.set(xlabel=DAYS_LABEL, ylabel="heat flux, along +x (W/m²)", title="Heat flux through the inner face")
+    axis.apply(ax)
+    ax.set(ylabel="heat flux, along +x (W/m²)", title="Heat flux through the inner face")
+    return ax
 
 
-def heat_load(ax: Axes, loads: HeatLoads) -> None:
-    """Change of the heat through the inner face over the record, against the change of the diffusivity."""
+def heat_load(loads: HeatLoads, *, ax: Axes | None = None) -> Axes:
+    """Change of the heat through the inner face over the record, against the change of the diffusivity.
+
+    Args:
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
+    """
+    ax = axes_or_new(ax)
     use_constrained_layout(ax)
     ax.plot(100 * (loads.factors - 1.0), 100 * loads.relative_change, "o-", color=BLUE)
     ax.axhline(0.0, color=GREY, lw=0.8)
@@ -107,6 +154,7 @@ def heat_load(ax: Axes, loads: HeatLoads) -> None:
         ylabel="change of the heat load (%)",
         title=f"Heat load at k = {loads.conductivity:g} W/m/K",
     )
+    return ax
 
 
 def _binned_std(sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -16,39 +16,44 @@ from ..discrepancy.diagnosis_result import Diagnosis
 from ..discrepancy.effect_fit import EffectFit
 from ..discrepancy.model_with_effects import face_impulse_response
 from ..discrepancy.residual_tests import ResidualTests
-from .house_style import DAYS_LABEL, GREY, curve_style, line_style, marker_style, sensor_colour
+from .house_style import GREY, axes_or_new, curve_style, line_style, marker_style, sensor_colour
 from .legends import legend_above, legend_below, root_figure, shortened, use_constrained_layout
+from .time_axis import TimeAxis
 
 _CLIPPED = 98.0  # percentile of the absolute residual at the end of the colour scale, so that outliers do not set it
 _KOLMOGOROV_95 = 1.358  # 95 % quantile of the Kolmogorov distribution
 
 
-def residual_map(ax: Axes, fit: EffectFit, limit: float, title: str, *, colour_bar: bool = True) -> QuadMesh:
+def residual_map(fit: EffectFit, limit: float, title: str, *, colour_bar: bool = True, ax: Axes | None = None) -> Axes:
     """The residual by sensor and time, blue where the model is too warm, grey where there is no reading.
 
     Args:
         limit: end of the colour scale, K; see `colour_limit`.
         title: of the panel; the root mean square is added.
         colour_bar: False where several maps share one.
+        ax: to draw on; None for a new figure.
 
     Returns:
-        The cells, for a colour bar.
+        The Axes.
     """
+    ax = axes_or_new(ax)
     use_constrained_layout(ax)
-    days = fit.problem.record.days
+    axis = TimeAxis(fit.problem.record.start)
+    days = axis.at(fit.problem.record.days)
     step = fit.problem.record.step / DAY
     names = sensor_names(fit)
     edges = np.append(days, days[-1] + step) - 0.5 * step
-    mesh = ax.pcolormesh(
+    ax.pcolormesh(
         edges, np.arange(len(names) + 1), fit.residual_at_rows.T, cmap=_residual_colours(), vmin=-limit, vmax=limit
     )
-    ax.set(xlabel=DAYS_LABEL, title=f"{title}: rms {fit.gap:.3g} K")
+    axis.apply(ax)
+    ax.set(title=f"{title}: rms {fit.gap:.3g} K")
     ax.set_yticks(np.arange(len(names)) + 0.5, names)
     ax.invert_yaxis()
     ax.grid(False)
     if colour_bar:
-        shared_colour_bar(mesh, [ax])
-    return mesh
+        shared_colour_bar([ax])
+    return ax
 
 
 def _residual_colours() -> Colormap:
@@ -56,8 +61,9 @@ def _residual_colours() -> Colormap:
     return mpl.colormaps["RdBu_r"].with_extremes(bad="0.7")
 
 
-def shared_colour_bar(mesh: QuadMesh, axes: Sequence[Axes]) -> None:
+def shared_colour_bar(axes: Sequence[Axes]) -> None:
     """Draw the colour bar of one or several `residual_map` panels beside them."""
+    (mesh,) = (artist for artist in axes[0].collections if isinstance(artist, QuadMesh))
     root_figure(axes[0]).colorbar(mesh, ax=list(axes), label="measured minus simulated (K)", extend="both", pad=0.01)
 
 
@@ -66,13 +72,20 @@ def colour_limit(diagnosis: Diagnosis) -> float:
     return float(np.nanpercentile(np.abs(diagnosis.before.residual_at_rows), _CLIPPED))
 
 
-def hourly_residual(ax: Axes, fit: EffectFit, by_hour: np.ndarray, title: str, *, legend: bool = True) -> None:
+def hourly_residual(
+    fit: EffectFit, by_hour: np.ndarray, title: str, *, legend: bool = True, ax: Axes | None = None
+) -> Axes:
     """The mean residual by sensor and hour of the day.
 
     Args:
         by_hour: mean residual, K, `(hour, sensor)`; NaN where there is no reading.
         legend: False where the panel shares the legend of another.
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
     """
+    ax = axes_or_new(ax)
     hours = np.arange(24)
     for s, name in enumerate(sensor_names(fit)):
         present = np.isfinite(by_hour[:, s])
@@ -83,26 +96,36 @@ def hourly_residual(ax: Axes, fit: EffectFit, by_hour: np.ndarray, title: str, *
     if legend:
         legend_above(ax)
     use_constrained_layout(ax)
+    return ax
 
 
-def smooth_residual(ax: Axes, fit: EffectFit, tests: ResidualTests) -> None:
+def smooth_residual(fit: EffectFit, tests: ResidualTests, *, ax: Axes | None = None) -> Axes:
     """The smooth part of the residual that the omnibus test examines, and the mean residual of each day.
 
     The smooth part is orthogonal to the Jacobian of all estimated and nuisance parameters.
+
+    Args:
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
     """
-    middle = (
-        (np.arange(len(tests.smooth_residual)) + 0.5) * fit.problem.bins.rows_per_bin * fit.problem.record.step / DAY
-    )
-    day_of_row = fit.problem.record.days.astype(int)
+    ax = axes_or_new(ax)
+    record = fit.problem.record
+    axis, days_per_bin = TimeAxis(record.start), fit.problem.bins.rows_per_bin * record.step / DAY
+    middle = axis.at((np.arange(len(tests.smooth_residual)) + 0.5) * days_per_bin)
+    day_of_row = record.days.astype(int)
     for s, name in enumerate(sensor_names(fit)):
         ax.plot(middle, tests.smooth_residual[:, s], lw=1.1, label=name, **line_style(s))
         for day in np.unique(day_of_row):
             residual = fit.residual_at_rows[day_of_row == day, s]
             if np.isfinite(residual).any():
-                ax.plot(day + 0.5, np.nanmean(residual), ".", ms=5, color=sensor_colour(s))
+                ax.plot(axis.at(day + 0.5), np.nanmean(residual), ".", ms=5, color=sensor_colour(s))
     ax.axhline(0.0, color=GREY, lw=0.8)
-    ax.set(xlabel=DAYS_LABEL, ylabel="smooth residual (K)", title="Unexplained smooth residual (dots: daily means)")
+    axis.apply(ax)
+    ax.set(ylabel="smooth residual (K)", title="Unexplained smooth residual (dots: daily means)")
     legend_above(ax)
+    return ax
 
 
 def cumulative_power(values: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
@@ -147,7 +170,7 @@ def expected_cumulative_power(fit: EffectFit) -> np.ndarray:
     return np.cumsum(power, axis=0) / power.sum(axis=0)
 
 
-def cumulative_periodogram(ax: Axes, fit: EffectFit, title: str, *, legend: bool = True) -> None:
+def cumulative_periodogram(fit: EffectFit, title: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Normalised cumulative periodogram of the residual by sensor, with the 95 % band of white noise.
 
     Autocorrelated noise, and noise of the boundary temperatures, also leave the band: the dashed lines are the
@@ -155,9 +178,14 @@ def cumulative_periodogram(ax: Axes, fit: EffectFit, title: str, *, legend: bool
 
     Args:
         legend: False where the panel shares the legend of another.
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
 
     Source: M. S. Bartlett, An Introduction to Stochastic Processes (1955), 9.23.
     """
+    ax = axes_or_new(ax)
     step = fit.problem.record.step
     frequency, expected = np.array([]), expected_cumulative_power(fit)
     for s, name in enumerate(sensor_names(fit)):
@@ -183,6 +211,7 @@ def cumulative_periodogram(ax: Axes, fit: EffectFit, title: str, *, legend: bool
     if legend:
         legend_below(ax)
     use_constrained_layout(ax)
+    return ax
 
 
 def sensor_names(fit: EffectFit) -> list[str]:

@@ -6,22 +6,33 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, Rectangle
 
 from .._internal.number_formats import format_number
 from ..case.case_definition import Case
 from ..case.wall_and_sensors import Wall
-from .house_style import GREY, KEEP_COLOUR, marker_style
+from ..models.flux_plates import fluxes_of
+from .house_style import GREY, KEEP_COLOUR, ORANGE, axes_or_new, marker_style
 from .legends import legend_below, shortened
 
 _FILLS = ("#E1D7C9", "#D0D7DC", "#EAE4DA", "#C1CCCF", "#DCCEBF")  # of the layers, repeated
 _THIN = 0.06  # share of the length: the number of a thinner layer is drawn beside it
 _FONT_SIZE = 8  # points
+_PLATE_THICKNESS = 0.02  # share of the length; a plate is too thin to be drawn to scale
+_PLATE_ENDS = 0.25, 0.75  # share of the height
 _LINES = 4  # lines for the names of sensors that are close together
 
 
-def wall(ax: Axes, case: Case) -> None:
-    """Draw the section of a wall with its sensors, to scale along x (cm from the left face)."""
+def wall(case: Case, *, ax: Axes | None = None) -> Axes:
+    """Draw the section of a wall with its sensors, to scale along x (cm from the left face).
+
+    Args:
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
+    """
+    ax = axes_or_new(ax)
     length = 100.0 * case.wall.length
     keys: list[Artist] = [*_layers(ax, case.wall)]
     for x, name in ((0.0, "left"), (length, "right")):
@@ -29,6 +40,7 @@ def wall(ax: Axes, case: Case) -> None:
         ax.axvline(x, color=GREY, lw=2.5)
         ax.text(x, 1.04, f"{name} face ({exposure})", ha=name, va="bottom", fontsize=_FONT_SIZE)
     _sensors(ax, case)
+    keys += _plates(ax, case)
     if case.sensors:
         uncertain = any(sensor.position_std > 0 for sensor in case.sensors)
         text = "sensors, \N{PLUS-MINUS SIGN} 1 standard deviation of the position" if uncertain else "sensors"
@@ -38,6 +50,7 @@ def wall(ax: Axes, case: Case) -> None:
     ax.spines["left"].set_visible(False)
     ax.grid(visible=False)
     legend_below(ax, keys)
+    return ax
 
 
 def _layers(ax: Axes, wall: Wall) -> list[Patch]:
@@ -81,6 +94,19 @@ def _key(fill: str, thickness: float, conductivity: float | None, heat_capacity:
     return Patch(color=fill, label=", ".join([*known, last]))
 
 
+def _plates(ax: Axes, case: Case) -> list[Patch]:
+    """Draw the heat flux plates on the outer side of their faces; the key, for the legend."""
+    length = 100.0 * case.wall.length
+    thickness = _PLATE_THICKNESS * length
+    for face in (faces := fluxes_of(case)):
+        begin = -thickness if face == "left" else length
+        low, high = _PLATE_ENDS
+        style = {"facecolor": ORANGE, "edgecolor": "black", "lw": 0.6}
+        ax.add_patch(Rectangle((begin, low), thickness, high - low, label=f"plate {face}", zorder=3, **style))
+    plural = "s" if len(faces) > 1 else ""
+    return [Patch(facecolor=ORANGE, edgecolor="black", lw=0.6, label=f"heat flux plate{plural}")] if faces else []
+
+
 def _sensors(ax: Axes, case: Case) -> None:
     """Draw the sensors at their positions; a name that would overlap another is one line lower."""
     length, inches = 100.0 * case.wall.length, ax.get_window_extent().width / ax.figure.dpi
@@ -95,7 +121,9 @@ def _sensors(ax: Axes, case: Case) -> None:
         ends[line] = x + (letter if to_left else width)
         y = 0.78 - 0.16 * line
         mark = ax.errorbar(x, y, xerr=100.0 * sensor.position_std, ls="none", capsize=3, ms=6, **marker_style(s))
-        mark[0].set(markeredgecolor="black", markeredgewidth=0.6, gid=KEEP_COLOUR)
+        mark[0].set(markeredgecolor="black", markeredgewidth=0.6)
+        for part in (mark[0], *mark[1], *mark[2]):
+            part.set_gid(KEEP_COLOUR)
         ax.annotate(
             name,
             (x, y),

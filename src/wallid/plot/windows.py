@@ -12,35 +12,50 @@ from ..estimation.many_windows import CampaignEstimate
 from ..estimation.pooled_mean import PooledMean
 from ..estimation.result_objects import Estimate
 from ..inference.quantity import Quantity
-from .house_style import BLUE, GREY, ORANGE
+from .house_style import BLUE, GREY, ORANGE, axes_or_new
 from .legends import legend_below
 
 _RANGE = 10.0  # intervals are cut at this factor above and below the pooled value
 
 
-def forest(ax: Axes, campaign: CampaignEstimate, *, legend: bool = True) -> None:
+def forest(campaign: CampaignEstimate, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """The 95 % interval of the diffusivity from each window and from all windows together.
 
     Grey intervals are not in the mean.
 
     Args:
         legend: False where the panel shares the legend of another.
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
     """
+    ax = axes_or_new(ax)
     windows = [None if fit is None else _diffusivity(fit) for fit in campaign.fits]
     pooled = None if campaign.mean is None else _diffusivity(campaign)
     _intervals(ax, campaign, windows, pooled, campaign.mean)
     ax.set(xlabel="diffusivity (m²/s)", title="Diffusivity by window")
     if legend:
         legend_below(ax)
+    return ax
 
 
-def resistance_forest(ax: Axes, campaign: CampaignEstimate, *, legend: bool = True) -> None:
-    """The 95 % interval of the thermal resistance from each window and from all windows together; see `forest`."""
+def resistance_forest(campaign: CampaignEstimate, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """The 95 % interval of the thermal resistance from each window and from all windows together; see `forest`.
+
+    Args:
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
+    """
+    ax = axes_or_new(ax)
     windows = [None if fit is None or not fit.has_flux else _resistance(fit) for fit in campaign.fits]
     _intervals(ax, campaign, windows, _resistance(campaign), campaign.conductivity_mean)
     ax.set(xlabel="resistance (m² K/W)", title="Resistance by window")
     if legend:
         legend_below(ax)
+    return ax
 
 
 def _diffusivity(estimate: Estimate | CampaignEstimate) -> Quantity:

@@ -43,6 +43,7 @@ class CleaningStep:
         line: line of the first one in the file; None where a line has no meaning.
         example: the first value as in the file, or another detail of the kind.
         masked_lines: lines of the values that were masked; None where no value was masked.
+        masked_values: these values, degC; None where they are not kept.
     """
 
     column: str
@@ -51,6 +52,7 @@ class CleaningStep:
     line: int | None = None
     example: str = ""
     masked_lines: np.ndarray | None = field(default=None, repr=False, compare=False)
+    masked_values: np.ndarray | None = field(default=None, repr=False, compare=False)
 
     @classmethod
     def masking(cls, column: str, kind: str, lines: np.ndarray, masked: np.ndarray, example: str = "") -> CleaningStep:
@@ -101,6 +103,8 @@ class CleaningLog:
         breaks: where the record is split.
         faces: the columns of the left and the right face.
         masked: for each column the times of its masked values, s since the record's first row, sorted.
+        spikes: for each column with spikes their times, s since the record's first row, and their values in the
+            column's unit after conversion (degC), (spike, 2).
     """
 
     read_as: str = ""
@@ -108,6 +112,7 @@ class CleaningLog:
     breaks: tuple[RecordBreak, ...] = ()
     faces: tuple[str, str] = ("left", "right")
     masked: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False)
+    spikes: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False)
 
     def count(self, kind: str, column: str | None = None) -> int:
         """Number of values or rows changed by one kind of step, in a column (None: in all)."""

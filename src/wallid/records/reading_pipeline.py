@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -110,7 +111,8 @@ def _screen(rows: SortedRows, name: str) -> tuple[np.ndarray, list[CleaningStep]
         masked[present[find_outliers(rows.times.seconds[present], values[present])]] = True
         if masked.any():
             example = f"{values[masked.argmax()]:.6g}"
-            steps.append(CleaningStep.masking(name, kind, rows.location.lines, masked, example))
+            step = CleaningStep.masking(name, kind, rows.location.lines, masked, example)
+            steps.append(replace(step, masked_values=values[masked]))
             values = np.where(masked, np.nan, values)
     return values, steps
 
@@ -177,6 +179,7 @@ def _resample(
             _breaks(grid, faces, filled, part, rows.times.zone),
             faces,
             _masked_times(table, steps, float(seconds[0])),
+            _spikes(table, steps, float(seconds[0])),
         ),
     )
 
@@ -191,6 +194,16 @@ def _masked_times(table: TimedTable, steps: Sequence[CleaningStep], origin: floa
         column: np.sort(table.times.seconds[np.searchsorted(table.location.lines, np.concatenate(masked))]) - origin
         for column, masked in lines.items()
     }
+
+
+def _spikes(table: TimedTable, steps: Sequence[CleaningStep], origin: float) -> dict[str, np.ndarray]:
+    """For each column with spikes their times, s since `origin`, and values."""
+    spikes = {}
+    for step in steps:
+        if step.kind == "spike" and step.masked_lines is not None and step.masked_values is not None:
+            times = table.times.seconds[np.searchsorted(table.location.lines, step.masked_lines)] - origin
+            spikes[step.column] = np.column_stack([times, step.masked_values])
+    return spikes
 
 
 def _rows_with_both_faces(grid: UniformGrid, readings: Sequence[ColumnReadings], faces: Sequence[FilledFace]) -> slice:

@@ -38,6 +38,19 @@ class RowTimes:
         return format_time(self.stamps[row], self.zone)
 
 
+@dataclass(frozen=True)
+class RecordStart:
+    """When a record begins: the origin of times that count from its first row.
+
+    Args:
+        stamp: time of the first row, in local time of `zone`; None where the times are plain seconds.
+        zone: fixed offset of the stamp from UTC, such as "+01:00" or "Z"; None where the file states none.
+    """
+
+    stamp: np.datetime64 | None = None
+    zone: str | None = None
+
+
 def format_time(stamp: np.generic, zone: str | None) -> str:
     """A time as text; without a fraction of a second where it is zero."""
     if not isinstance(stamp, np.datetime64):

@@ -21,22 +21,25 @@ from .cleaning_log import CleaningLog
 from .dataframe_table import source_name
 from .file_format import FileFormat, check_unit
 from .reading_pipeline import read_record_arrays
+from .row_times import RecordStart
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-__all__ = ["REGRESSORS", "FileFormat", "Record", "read_record"]
+__all__ = ["REGRESSORS", "REGRESSOR_UNITS", "FileFormat", "Record", "read_record"]
 
-REGRESSORS = (
-    "irradiance",  # W/m2, on the outer face
-    "air_outdoor",  # degC
-    "air_indoor",  # degC
-    "wind",  # m/s
-    "rain",  # mm/h
-    "heating",  # 0..1, or W
-    "flux_left",  # W/m2, positive along +x
-    "flux_right",  # W/m2, positive along +x
-)
+REGRESSOR_UNITS = {
+    "irradiance": "W/m2",  # on the outer face
+    "air_outdoor": "degC",
+    "air_indoor": "degC",
+    "wind": "m/s",
+    "rain": "mm/h",
+    "heating": None,  # 0..1, or W
+    "flux_left": "W/m2",  # positive along +x
+    "flux_right": "W/m2",  # positive along +x
+}
+"""Unit of each regressor; None where a file may use one of two."""
+REGRESSORS = tuple(REGRESSOR_UNITS)
 
 
 @no_type_check
@@ -119,6 +122,12 @@ class Record:
     def duration(self) -> float:
         """From the first row to the last, s."""
         return float(self.time[-1] - self.time[0])
+
+    @property
+    def start(self) -> RecordStart:
+        """When the record begins."""
+        first = self.stamps[0]
+        return RecordStart(first if isinstance(first, np.datetime64) else None, self.zone)
 
     @property
     def days(self) -> np.ndarray:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._internal.number_formats import format_text
-from .._internal.units import DAY
-from .figures import shaded_window
+from .record_captions import record_caption, record_text, wall_caption, wall_text
 
 if TYPE_CHECKING:
     from ..discrepancy.diagnosis_result import Diagnosis
@@ -21,43 +20,6 @@ if TYPE_CHECKING:
     from ..workflow import Run
 
 Text = Callable[["Run"], str]
-
-
-def _wall(run: Run) -> str:
-    wall = run.case.wall
-    layers = f"{len(wall.layers)} layers" if wall.layers else "one material"
-    sensors = ", ".join(f"{sensor.name} at {1e3 * sensor.position:.4g} mm" for sensor in run.case.sensors) or "none"
-    return f"Section of the wall, {wall.length:g} m of {layers}, outside on the {wall.outside}; sensors: {sensors}."
-
-
-def _record(run: Run) -> str:
-    record = run.case.record
-    faces = record.faces[~record.broken]
-    low, high = faces.min(axis=0), faces.max(axis=0)
-    return (
-        f"Temperatures over {record.duration / DAY:.3g} days: left face {low[0]:.1f} to {high[0]:.1f} degC, right "
-        f"face {low[1]:.1f} to {high[1]:.1f} degC, {len(record.names)} inner sensors"
-        + ("; below, the available readings of each." if run.check is not None else _window_text(run))
-    )
-
-
-def _window_text(run: Run) -> str:
-    return "." if shaded_window(run) is None else "; the window used is shaded."
-
-
-def _record_caption(run: Run) -> str:
-    if run.check is not None:
-        return (
-            "Logged temperatures, and the available readings of each face and sensor. Orange: interpolated face "
-            "temperatures. Black marks: missing or masked readings. Grey: breaks of the record."
-        )
-    window = "" if shaded_window(run) is None else " The yellow band is the window used."
-    broken = (
-        " A grey band is a break of the record, where a face has no readings for too long to interpolate."
-        if len(run.case.record.unbroken_parts) > 1
-        else ""
-    )
-    return f"Logged temperatures.{window}{broken}"
 
 
 def _design(run: Run, design: Design) -> str:
@@ -139,6 +101,24 @@ def _flux(run: Run, fit: Estimate) -> str:
     )
 
 
+def _average(run: Run, fit: Estimate) -> str:
+    if (thermal := fit.thermal) is None:
+        return ""
+    texts = []
+    for one in thermal.average_methods:
+        if one.resistance is None:
+            texts.append(f"{one.face.capitalize()} plate: no mean flux")
+            continue
+        state = "all rules met" if one.complete else f"not met: {'; '.join(one.unmet_rules)}"
+        texts.append(
+            f"{one.face.capitalize()} plate: {one.resistance:.3f} m2 K/W over {one.averaged_days:.3g} days, {state}"
+        )
+    return (
+        f"Resistance by the average method against the days averaged over, with the stopping rules of ISO 9869-1. "
+        f"{'. '.join(texts)}. The estimate gives {thermal.resistance.value:.3f} m2 K/W."
+    )
+
+
 def _prediction(run: Run, prediction: Prediction) -> str:
     rms = [prediction.rms_of_sensor(s) for s in range(len(prediction.sensor_names))]
     residuals = ", ".join(
@@ -214,8 +194,8 @@ def _fixed(text: str) -> Text:
 
 
 _CAPTIONS: dict[str, tuple[str | Text, Text]] = {
-    "wall": ("The wall in section, to scale along x, with the positions of the sensors.", _wall),
-    "record": (_record_caption, _record),
+    "wall": (wall_caption, wall_text),
+    "record": (record_caption, record_text),
     "design": (
         "Sensitivity of the readings to the diffusivity, ∂T/∂(ln α), and the design criterion for a window from each "
         "start day: a scalar measure of the Fisher information, divided by its value for the best window. Bottom, "
@@ -246,11 +226,19 @@ _CAPTIONS: dict[str, tuple[str | Text, Text]] = {
         _fixed("Standard uncertainty of the readings of each sensor over the record, and the initial profile."),
     ),
     "flux": (
-        "Heat flux at the faces: measured (dots) and simulated, residual, and density of the residual and of the "
-        "stated noise. Shaded: 95 % interval of a reading from that noise; on the left also from the standard error "
-        "of the conductivity. The first readings are left out: they depend on details of the initial profile that no "
-        "reading determines.",
+        "Heat flux at the faces: measured (dots) and simulated (line), residual, and density of the residual and of "
+        "the stated noise. Shaded: 95 % interval of a reading from that noise; on the left also from the standard "
+        "error of the conductivity. The first readings are left out: they depend on details of the initial profile "
+        "that no reading determines.",
         _for_stage("fit", _flux),
+    ),
+    "average": (
+        "The average method of ISO 9869-1: temperature difference over heat flux, both averaged from the start of the "
+        "window to each time. The result (dot) is that of the largest whole number of days. The standard lets a "
+        "measurement end where it has three days (dotted), R of a day before (diamond) lies in the orange band of 5 % "
+        "about the result, and R of the first and of the last two thirds (dashed) differ by 5 % at most. Light blue: "
+        "resistance of the estimate, 95 %; it also uses the heat that the wall stores.",
+        _for_stage("fit", _average),
     ),
     "loads": (
         "Heat flux through the inner face over the entire record, and change of its sum, the heat load, with the "

@@ -37,6 +37,7 @@ STEMS = (
     "uncertainty",
     "loads",
     "flux",
+    "average",
     "missing",
     "residuals",
     "remainder",
@@ -50,6 +51,8 @@ _MOST_POINTS = 20_000  # of a line; in a vector file, longer lines are drawn as 
 _MOST_MARKERS = 400  # of a line; more are drawn as pixels
 _MOST_SENSORS = 6  # in the figure of the worst week
 _NARROW = 4.0  # inches
+_RECORD_HEIGHT, _REGRESSOR_HEIGHT = 3.2, 1.4  # inches
+_AVAILABILITY_HEIGHT, _AVAILABILITY_ROW = 1.2, 0.25  # inches, and of each column
 
 
 def encode_figure(
@@ -92,19 +95,19 @@ def stage_figures(run: Run) -> Iterator[tuple[str, Figure]]:
     """Each figure of the stages of a run except those of its diagnosis, with the name of its file."""
     with plot.style():
         figure, ax = plot.figure(height=2.2 + 0.16 * len(run.case.wall.layers))
-        plot.wall(ax, run.case)
+        plot.wall(run.case, ax=ax)
         yield "wall", figure
         yield "record", _record_figure(run)
         if run.design is not None:
             yield "design", _design_figure(run)
         if run.sensor_placement is not None and run.sampling is not None:
             figure, axes = plot.figure(1, 2, width=9.0, height=3.8)
-            plot.sensor_placement(axes[0], run.sensor_placement)
-            plot.sampling_steps(axes[1], run.sampling)
+            plot.sensor_placement(run.sensor_placement, ax=axes[0])
+            plot.sampling_steps(run.sampling, ax=axes[1])
             yield "places", figure
         if run.orders:
             figure, ax = plot.figure(height=3.2)
-            plot.error_by_order(ax, run.orders)
+            plot.error_by_order(run.orders, ax=ax)
             yield "orders", figure
         if run.campaign is not None:
             yield "campaign", _campaign_figure(run.campaign)
@@ -112,24 +115,35 @@ def stage_figures(run: Run) -> Iterator[tuple[str, Figure]]:
             yield "estimate", _estimate_figure(run) if run.case.sensors else _convergence_figure(run)
         if run.fit is not None and run.fit.thermal is not None:
             yield "flux", _flux_figure(run)
+            yield "average", _average_figure(run)
         if run.prediction is not None:
             yield "reliability", _prediction_figure(run)
             yield "uncertainty", _uncertainty_figure(run)
         if run.prediction is not None and run.prediction.loads is not None:
             figure, axes = plot.figure(1, 2, height=2.8)
-            plot.inner_face_flux(axes[0], run.prediction.days, run.prediction.loads)
-            plot.heat_load(axes[1], run.prediction.loads)
+            plot.inner_face_flux(run.prediction, ax=axes[0])
+            plot.heat_load(run.prediction.loads, ax=axes[1])
             yield "loads", figure
 
 
 def _record_figure(run: Run) -> Figure:
+    """Panels with one time axis: the temperatures, each further quantity, and for a check the available readings."""
+    quantities = plot.regressor_quantities(run.case)
+    heights = [_RECORD_HEIGHT, *(_REGRESSOR_HEIGHT for _ in quantities)]
     if run.check is not None:
-        figure, axes = plot.figure(2, 1, height=3.2)
-        plot.record(axes[0], run.case)
-        plot.data_availability(axes[1], run.case)
-        return figure
-    figure, ax = plot.figure(height=3.2)
-    plot.record(ax, run.case, shaded_window(run))
+        columns = 2 + len(run.case.sensors) + len(run.case.record.regressors)
+        heights.append(_AVAILABILITY_HEIGHT + _AVAILABILITY_ROW * columns)
+    figure, axes = plot.figure(len(heights), 1, height=heights)
+    axes = np.atleast_1d(axes)
+    plot.record(run.case, shaded_window(run), spikes=run.check is not None, ax=axes[0])
+    for quantity, ax in zip(quantities, axes[1:], strict=False):
+        plot.regressors(run.case, quantity, ax=ax)
+    if run.check is not None:
+        plot.data_availability(run.case, ax=axes[-1])
+    for ax in axes[1:]:
+        ax.sharex(axes[0])
+    for ax in axes[:-1]:
+        ax.label_outer()
     return figure
 
 
@@ -148,7 +162,7 @@ def narrow_figures(run: Run) -> Iterator[tuple[str, Figure]]:
     """Narrow versions of figures for small screens, with the names of the files that they replace."""
     with plot.style():
         figure, ax = plot.figure(width=_NARROW, height=1.8)
-        plot.wall(ax, run.case)
+        plot.wall(run.case, ax=ax)
         yield "wall", figure
 
 
@@ -164,22 +178,22 @@ def _design_figure(run: Run) -> Figure:
     )
     days = run.case.record.days[window.as_slice]
     if sensors:
-        plot.sensitivity(axes[0], run.case, days, sensitivity[:, :sensors])
+        plot.sensitivity(run.case, days, sensitivity[:, :sensors], ax=axes[0])
     if plates:
-        plot.flux_sensitivity(axes[panels - 1], run.case, days, sensitivity[:, sensors:])
-    plot.criterion(axes[panels], run.design)
+        plot.flux_sensitivity(run.case, days, sensitivity[:, sensors:], ax=axes[panels - 1])
+    plot.criterion(run.design, ax=axes[panels])
     if run.lengths is not None:
-        plot.window_lengths(axes[panels + 1], run.lengths)
+        plot.window_lengths(run.lengths, ax=axes[panels + 1])
     return figure
 
 
 def _estimate_figure(run: Run) -> Figure:
     assert run.fit is not None
-    figure, axes = plot.figure(2, 2, width=9.0, height=2.8)
-    plot.convergence(axes[0, 0], axes[0, 1], run.fit)
+    figure, axes = plot.figure(2, 2, width=9.0, height=3.0)
+    plot.convergence(run.fit, axes=axes[0])
     sensitivity = sensitivity_in_kelvin(full_order_model(run.case), run.case, run.fit.window, run.fit.value)
-    plot.measured_against_simulated(axes[1, 0], run.case, run.fit, sensitivity, legend=False)
-    plot.residual(axes[1, 1], run.case, run.fit, sensitivity, legend=False)
+    plot.measured_against_simulated(run.case, run.fit, sensitivity, legend=False, ax=axes[1, 0])
+    plot.residual(run.case, run.fit, sensitivity, legend=False, ax=axes[1, 1])
     shared_legend(figure, axes[1, 0])
     return figure
 
@@ -189,11 +203,11 @@ def _campaign_figure(campaign: CampaignEstimate) -> Figure:
     height = 1.6 + 0.22 * min(len(campaign.windows), 40)
     if campaign.thermal is None:
         figure, ax = plot.figure(height=height)
-        plot.forest(ax, campaign)
+        plot.forest(campaign, ax=ax)
         return figure
     figure, axes = plot.figure(1, 2, width=9.0, height=height)
-    plot.forest(axes[0], campaign, legend=False)
-    plot.resistance_forest(axes[1], campaign, legend=False)
+    plot.forest(campaign, legend=False, ax=axes[0])
+    plot.resistance_forest(campaign, legend=False, ax=axes[1])
     axes[1].set(ylabel="", yticklabels=[])
     shared_legend(figure, axes[0])
     return figure
@@ -203,7 +217,7 @@ def _convergence_figure(run: Run) -> Figure:
     """Convergence alone, for an estimate from fluxes: there are no sensor temperatures to show."""
     assert run.fit is not None
     figure, axes = plot.figure(1, 2, width=9.0, height=2.8)
-    plot.convergence(axes[0], axes[1], run.fit)
+    plot.convergence(run.fit, axes=axes)
     return figure
 
 
@@ -213,9 +227,20 @@ def _flux_figure(run: Run) -> Figure:
     plates = len(run.fit.thermal.plate_gains)
     figure, axes = plot.figure(plates, 3, width=11.0, height=2.8)
     for p, (series, residual, density) in enumerate(np.atleast_2d(axes)):
-        plot.measured_flux(series, run.case, run.fit, p)
-        plot.flux_residual(residual, run.case, run.fit, p)
-        plot.flux_density(density, run.case, run.fit, p)
+        plot.measured_flux(run.case, run.fit, p, ax=series)
+        plot.flux_residual(run.case, run.fit, p, ax=residual)
+        plot.flux_density(run.case, run.fit, p, ax=density)
+    return figure
+
+
+def _average_figure(run: Run) -> Figure:
+    """The average method of ISO 9869-1 for each plate, one below another."""
+    assert run.fit is not None and run.fit.thermal is not None
+    plates = len(run.fit.thermal.average_methods)
+    figure, axes = plot.figure(plates, 1, height=3.6)
+    for p, ax in enumerate(np.atleast_1d(axes)):
+        plot.average_resistance(run.case, run.fit, p, legend=False, ax=ax)
+    shared_legend(figure, np.ravel(axes)[0])
     return figure
 
 
@@ -224,30 +249,33 @@ def _prediction_figure(run: Run) -> Figure:
     assert prediction is not None
     figure, axes = plot.figure(len(prediction.sensor_names), 2, width=9.0, height=2.4)
     for s, row in enumerate(np.atleast_2d(axes)):
-        plot.last_week(row[0], prediction, s)
-        plot.residual_density(row[1], prediction, s)
+        plot.last_week(prediction, s, ax=row[0])
+        plot.residual_density(prediction, s, ax=row[1])
     return figure
 
 
 def _uncertainty_figure(run: Run) -> Figure:
     assert run.prediction is not None and run.fit is not None
     figure, axes = plot.figure(1, 2, height=2.8)
-    plot.measurement_uncertainty(axes[0], run.prediction)
-    plot.initial_profile(axes[1], run.case, run.fit.window)
+    plot.measurement_uncertainty(run.prediction, ax=axes[0])
+    plot.initial_profile(run.case, run.fit.window, ax=axes[1])
     return figure
 
 
 def diagnosis_figures(diagnosis: Diagnosis) -> Iterator[tuple[str, Figure]]:
-    """Each figure of a diagnosis with the name of its file; without effects, each has one panel, of the plain model."""
+    """Each figure of a diagnosis with the name of its file; without effects, each has one panel, of the plain model.
+
+    The similarity of the effects is left out where the verdict is adequate: all effects are chance then.
+    """
     with plot.style():
         yield "missing", _missing_figure(diagnosis)
         yield "residuals", _residuals_figure(diagnosis)
         if diagnosis.incomplete:
             figure, ax = plot.figure(height=3.0)
-            plot.smooth_residual(ax, diagnosis.after, diagnosis.residual_tests_after)
+            plot.smooth_residual(diagnosis.after, diagnosis.residual_tests_after, ax=ax)
             yield "remainder", figure
         yield "fit", _week_figure(diagnosis)
-        if len(diagnosis.scores.candidates):
+        if len(diagnosis.scores.candidates) and diagnosis.verdict != "adequate":
             yield "confusable", _similarity_figure(diagnosis)
         if diagnosis.effects:
             yield "windows", _windows_figure(diagnosis)
@@ -266,8 +294,8 @@ def _models(diagnosis: Diagnosis) -> list[tuple[str, EffectFit, ResidualTests]]:
 
 def _missing_figure(diagnosis: Diagnosis) -> Figure:
     figure, axes = plot.figure(2, 1, width=8.0, height=3.2)
-    plot.waterfall(axes[0], diagnosis)
-    plot.ranked_gains(axes[1], diagnosis)
+    plot.waterfall(diagnosis, ax=axes[0])
+    plot.ranked_gains(diagnosis, ax=axes[1])
     return figure
 
 
@@ -277,11 +305,11 @@ def _residuals_figure(diagnosis: Diagnosis) -> Figure:
     axes = np.reshape(axes, (2, len(models)))
     limit = plot.colour_limit(diagnosis)
     for column, (title, fit, tests) in zip(axes.T, models, strict=True):
-        plot.residual_map(column[0], fit, limit, title, colour_bar=False)
+        plot.residual_map(fit, limit, title, colour_bar=False, ax=column[0])
         if column[1] is not axes[1, 0]:
             column[1].sharey(axes[1, 0])
-        plot.hourly_residual(column[1], fit, tests.by_hour, f"{title}: by hour of the day", legend=False)
-    plot.shared_colour_bar(axes[0, 0].collections[0], list(axes[0]))
+        plot.hourly_residual(fit, tests.by_hour, f"{title}: by hour of the day", legend=False, ax=column[1])
+    plot.shared_colour_bar(list(axes[0]))
     shared_legend(figure, axes[1, 0])
     return figure
 
@@ -290,17 +318,17 @@ def _week_figure(diagnosis: Diagnosis) -> Figure:
     sensors = min(diagnosis.problem.sensor_count, _MOST_SENSORS)
     figure, axes = plot.figure(sensors, 2, width=10.0, height=2.2)
     for s, row in enumerate(np.reshape(axes, (sensors, 2))):
-        plot.week_temperatures(row[0], diagnosis, s, legend=False)
+        plot.week_temperatures(diagnosis, s, legend=False, ax=row[0])
         if s > 0:
             row[1].sharey(np.ravel(axes)[1])  # to compare the residuals of the sensors
-        plot.week_residuals(row[1], diagnosis, s, legend=False)
+        plot.week_residuals(diagnosis, s, legend=False, ax=row[1])
     shared_legend(figure, np.ravel(axes)[0])
     return figure
 
 
 def _similarity_figure(diagnosis: Diagnosis) -> Figure:
     figure, ax = plot.figure(width=7.6, height=6.2)
-    plot.cosine_similarity(ax, diagnosis)
+    plot.cosine_similarity(diagnosis, ax=ax)
     return figure
 
 
@@ -308,7 +336,7 @@ def _windows_figure(diagnosis: Diagnosis) -> Figure:
     count = len(diagnosis.effects)
     figure, axes = plot.figure(count, 1, height=2.6)
     for ax, named in zip(np.ravel(axes), diagnosis.effects, strict=True):
-        plot.size_by_window(ax, diagnosis, named)
+        plot.size_by_window(diagnosis, named, ax=ax)
     return figure
 
 
@@ -316,6 +344,6 @@ def _periodogram_figure(diagnosis: Diagnosis) -> Figure:
     models = _models(diagnosis)
     figure, axes = plot.figure(1, len(models), width=2.0 + 3.2 * len(models), height=3.0)
     for ax, (title, fit, _) in zip(np.ravel(axes), models, strict=True):
-        plot.cumulative_periodogram(ax, fit, f"{title}: cumulative periodogram", legend=False)
+        plot.cumulative_periodogram(fit, f"{title}: cumulative periodogram", legend=False, ax=ax)
     shared_legend(figure, np.ravel(axes)[0])
     return figure

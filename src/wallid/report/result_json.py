@@ -192,12 +192,14 @@ def _thermal(thermal: ThermalProperties) -> dict[str, Any]:
             "resistance_without_stored_heat": one.corrected_resistance,
             "unit": "m2 K/W",
             "days": one.days,
+            "averaged_days": one.averaged_days,
             "three_days": one.three_days,
             "within_5_percent_of_a_day_before": one.day_before,
             "first_and_last_two_thirds_within_5_percent": one.two_thirds,
             "change_of_a_day": one.change_of_a_day,
             "first_to_last": one.first_to_last,
             "complete": one.complete,
+            "unmet_rules": list(one.unmet_rules),
         }
         for one in thermal.average_methods
     }

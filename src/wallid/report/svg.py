@@ -7,16 +7,24 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from matplotlib.colors import to_hex
+import numpy as np
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import is_color_like, to_hex
 from matplotlib.figure import Figure
 
-from ..plot.house_style import GREY, KEEP_COLOUR
+from ..plot.house_style import DARK, KEEP_COLOUR
+from .dark_images import CSS_DARK, CSS_LIGHT, with_dark_images
 from .figures import encode_figure
 
 _DECIMALS = re.compile(r"(\.\d\d)\d+")  # below a hundredth of a point, differences are not visible
 _MOST_BYTES = 2_500_000  # of all figures: the page stays under 3 MB
 _FEW_POINTS = 50  # of a line; in a figure that is too large, longer lines become pixels
-_BLACK, _KEPT = "#000000", "#010203"  # the second is a placeholder for black that stays black
+_BLACK = "#000000"
+_DARK_INK = "#E3E6E8"
+_NAMES = {_BLACK: "ink"} | {colour.lower(): f"mark{count}" for count, colour in enumerate(DARK)}
+"""Name in the style sheet of each colour that is different on the dark page."""
+_PLACEHOLDERS = {colour: f"#01020{count}" for count, colour in enumerate(_NAMES)}
+"""Stand for the same colours where they stay as they are."""
 _LIGHT_GREY = re.compile(r"fill: #([c-f][0-9a-f])\1\1(?=[;\"])")
 
 
@@ -49,7 +57,8 @@ def data_uris(figures: Sequence[DrawnFigure]) -> list[str]:
     for k in sorted(range(len(uris)), key=lambda k: -len(uris[k])):
         if sum(map(len, uris)) <= _MOST_BYTES:
             break
-        uris[k] = _data_uri(figures[k].figure, figures[k].stem, most_points=_FEW_POINTS)
+        pixels = _data_uri(figures[k].figure, figures[k].stem, most_points=_FEW_POINTS)
+        uris[k] = min(uris[k], pixels, key=len)
     return uris
 
 
@@ -59,33 +68,54 @@ def _data_uri(figure: Figure, stem: str, **options: int) -> str:
     text = encode_figure(figure, "svg", salt=stem, facecolor="none", **options).decode()
     text = re.sub(r'(?<= d=")[^"]*|(?<= [xy]=")[^"]*', lambda match: _DECIMALS.sub(r"\1", match[0]), text)
     svg = _with_page_colours(text[text.index("<svg") :])
+    if not figure.findobj(QuadMesh):  # the colours of a map have a meaning
+        svg = with_dark_images(svg)
     return f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}"
 
 
 def _prepare(figure: Figure) -> None:
-    """Remove white backgrounds, and mark black text on a coloured background, which stays black on the dark page."""
+    """Remove white backgrounds, and mark the colours that stay as they are on the dark page."""
     for ax in figure.axes:
         if to_hex(ax.get_facecolor()) == "#ffffff":
             ax.set_facecolor("none")
     for artist in figure.findobj(lambda artist: artist.get_gid() == KEEP_COLOUR):
-        for part in ("color", "markeredgecolor", "edgecolor"):
-            if hasattr(artist, f"get_{part}") and _is_black(getattr(artist, f"get_{part}")()):
-                artist.set(**{part: _KEPT})
+        for part in ("markerfacecolor", "markeredgecolor", "edgecolor", "color"):
+            if hasattr(artist, f"get_{part}") and (kept := _placeholder(getattr(artist, f"get_{part}")())):
+                artist.set(**{part: kept})
         artist.set_gid(None)  # an id may occur only once in an SVG
 
 
-def _is_black(colour: object) -> bool:
-    return isinstance(colour, str | tuple) and to_hex(colour) == _BLACK
+def _placeholder(colour: object) -> str | None:
+    """What stands for a colour that would change on the dark page; None where it would not, or is no single colour."""
+    if isinstance(colour, np.ndarray) and colour.shape == (1, 4):  # of a collection
+        colour = tuple(colour[0])
+    return _PLACEHOLDERS.get(to_hex(colour)) if isinstance(colour, str | tuple) and is_color_like(colour) else None
 
 
 def _with_page_colours(svg: str) -> str:
-    """An SVG with black replaced by the colour of the page's text, and light grey by that colour, transparent."""
-    svg = svg.replace(_BLACK, "var(--ink)").replace(_KEPT, "#000").replace(GREY.lower(), "var(--grey)")
+    """An SVG with the colours of the page: those of `DARK` and light text where it is dark.
+
+    Black becomes the colour of the page's text, and light grey that colour, transparent.
+    """
+    for colour, name in _NAMES.items():
+        svg = svg.replace(colour, f"var(--{name})")
+    for colour, placeholder in _PLACEHOLDERS.items():
+        svg = svg.replace(placeholder, "#000" if colour == _BLACK else colour)
     svg = _LIGHT_GREY.sub(_as_transparent, svg)
-    dark = "@media(prefers-color-scheme:dark){:root{--ink:#e3e6e8;--grey:#a9b0b6}}"
-    paper = f"@media print{{:root{{--ink:#000;--grey:{GREY}}}}}"
-    rules = f"<style>:root{{--ink:#1d2329;--grey:{GREY}}}{dark}{paper}svg{{fill:var(--ink)}}</style>"
+    light = {_BLACK: "#1d2329"} | {colour.lower(): colour for colour in DARK}
+    dark = {_BLACK: _DARK_INK} | {colour.lower(): other for colour, other in DARK.items()}
+    paper = light | {_BLACK: "#000"}
+    rules = (
+        f"<style>:root{{{_variables(light)}}}{CSS_LIGHT}"
+        f"@media screen and (prefers-color-scheme:dark){{:root{{{_variables(dark)}}}{CSS_DARK}}}"
+        f"@media print{{:root{{{_variables(paper)}}}}}svg{{fill:var(--ink)}}</style>"
+    )
     return re.sub(r"(<svg[^>]*>)", rf"\1{rules}", svg, count=1)
+
+
+def _variables(values: dict[str, str]) -> str:
+    """The style sheet's definition of each colour."""
+    return ";".join(f"--{_NAMES[colour]}:{value}" for colour, value in values.items())
 
 
 def _as_transparent(match: re.Match[str]) -> str:

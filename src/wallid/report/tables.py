@@ -63,6 +63,8 @@ _NAMES = {
     "floor_W_per_m2": "expected from noise alone (W/m²)",
     "plate_gains": "calibration errors of the flux plates (relative)",
     "iso_9869": "average method (ISO 9869-1)",
+    "averaged_days": "whole days averaged",
+    "unmet_rules": "stopping rules not met",
     "p_value": "p-value",
     "step_s": "step (s)",
     "rms_W_per_m2": "root mean square (W/m²)",
