@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from benchmarks.accuracy import ice, interval
-from benchmarks.reference.analytic_slab import refined, temperatures, weather
+from benchmarks.reference.analytic_slab import temperatures, weather
 from benchmarks.reference.synthetic_twins import slab_response
 from numpy.testing import assert_allclose
 from own_case import write_own
@@ -28,8 +28,10 @@ from wallid.inference.whittle_likelihood import dct_spectrum, edge_spectrum
 from wallid.models.finite_volume_wall import Output, finite_volume_model
 from wallid.models.sensitivity_equations import simulate_window
 from wallid.models.window_inputs import window_data
+from wallid.records.uniform_record import Record
 
 STATED = {"noise": "stated"}
+STEP = interval.STEP / interval.PARTS  # s, between the times at which the true faces are known
 
 
 def drawn(kind, seed, **choices):
@@ -38,6 +40,12 @@ def drawn(kind, seed, **choices):
     faces, measured, readings = interval.draw(errors, seed)
     case = interval.case_of(errors, measured, readings)
     return replace(case, choices=replace(case.choices, **choices)), faces, errors
+
+
+def fine_weather(rng):
+    """True faces that vary within the rows, with their past, and their readings without noise in the window."""
+    fine = weather((interval.BEFORE + interval.ROWS - 1) * interval.PARTS + 1, STEP, rng, hours=(8.0, 2.0))
+    return fine, interval.at_rows(fine)[-interval.ROWS :]
 
 
 def estimated(case, **options):
@@ -76,14 +84,17 @@ def test_intervals_hold_the_truth():
         assert 0.9 < width < 1.35
 
 
-def test_an_interval_that_forgets_the_faces_is_too_small():
+def test_an_interval_that_forgets_the_faces_is_too_small(monkeypatch):
     case, *_ = drawn("propagated", 4, **STATED)
-    counted = estimated(case)
-    forgotten = estimated(replace(case, record=replace(case.record, boundary_noise_std=0.0)))
-    assert counted.std > 2 * forgotten.std / np.sqrt(max(1.0, forgotten.reduced_chi_square))
+    unstated = replace(case, record=replace(case.record, boundary_noise_std=0.0))
+    counted, seen = estimated(case), estimated(unstated)
     assert counted.variance_shares["faces' noise"] > 0.25 and sum(counted.variance_shares.values()) == pytest.approx(
         1.0
     )
+    assert seen.std > 0.9 * counted.std, "the faces themselves show their noise"
+    monkeypatch.setattr(Record, "face_errors", np.zeros((2, 1)))
+    forgotten = estimated(replace(unstated, record=replace(unstated.record)))
+    assert counted.std > 2 * forgotten.std / np.sqrt(max(1.0, forgotten.reduced_chi_square))
 
 
 def test_memory_in_the_noise_is_found_and_counted():
@@ -95,11 +106,11 @@ def test_memory_in_the_noise_is_found_and_counted():
 
 def test_position_errors_are_found_as_constants():
     errors = interval.Errors(0.02, 0.005, position=0.01)
-    faces = weather(interval.BEFORE + interval.ROWS, interval.STEP, np.random.default_rng(8))
+    fine, faces = fine_weather(np.random.default_rng(8))
     shift = np.array([0.008, -0.011, 0.004])
     noise = 0.02 * np.random.default_rng(9).standard_normal((interval.ROWS, 3))
-    readings = interval.truth(refined(faces, interval.PARTS), np.array(interval.PLACES) + shift) + noise
-    fit = estimated(interval.case_of(errors, faces[-interval.ROWS :], readings))
+    readings = interval.truth(fine, np.array(interval.PLACES) + shift) + noise
+    fit = estimated(interval.case_of(errors, faces, readings))
     for (value, std), true in zip(fit.positions.values(), shift, strict=True):
         assert abs(value - true) < 4 * std < 0.02
     low, high = fit.interval_95
@@ -156,11 +167,11 @@ def test_what_a_faces_place_does_to_the_readings():
 
 def test_what_contradicts_the_instruments_as_stated_is_not_relied_on():
     errors = interval.Errors(0.02, 0.005, position=0.002)
-    faces = weather(interval.BEFORE + interval.ROWS, interval.STEP, np.random.default_rng(8))
+    fine, faces = fine_weather(np.random.default_rng(8))
     noise = 0.02 * np.random.default_rng(9).standard_normal((interval.ROWS, 3))
     places = np.array(interval.PLACES) + np.array([0.0, 0.015, 0.0])
-    readings = interval.truth(refined(faces, interval.PARTS), places) + noise
-    fit = estimated(interval.case_of(errors, faces[-interval.ROWS :], readings))
+    readings = interval.truth(fine, places) + noise
+    fit = estimated(interval.case_of(errors, faces, readings))
     assert not fit.reliable and fit.reason.startswith("the position error of T1 would be +0.01")
     assert "times its stated standard deviation" in fit.reason and "wallid diagnose" in fit.reason
 
@@ -168,14 +179,13 @@ def test_what_contradicts_the_instruments_as_stated_is_not_relied_on():
 @pytest.mark.parametrize(("moves", "stated", "says"), [(0.02, 0.1, False), (1.0, 0.1, True), (0.02, 0.005, True)])
 def test_sensors_too_coarse_for_what_moves_say_nothing(moves, stated, says):
     places, course = np.array(interval.PLACES), np.random.default_rng(3)
-    faces = weather(interval.BEFORE + interval.ROWS, interval.STEP, course)
-    fine = refined(faces, interval.PARTS)
-    faint = 0.02 * fine
+    fine, faces = fine_weather(course)
+    faint = (0.05 if moves == 1.0 else 0.02) * fine
     error = interval.truth(faint, places, 2 * interval.DIFFUSIVITY) - interval.truth(faint, places)
     assert np.ptp(error, axis=0).max() < 0.1, "a sensor good to 0.1 K may err so"
     noise = 0.002 * course.standard_normal(error.shape)
     readings = interval.truth(moves * fine, places) + (error if stated == 0.1 else 0.0) + noise
-    case = interval.case_of(interval.Errors(0.002, 0.002, offset=stated), moves * faces[-interval.ROWS :], readings)
+    case = interval.case_of(interval.Errors(0.002, 0.002, offset=stated), moves * faces, readings)
     fit = estimated(case)
     assert ("less than its stated offset_std" in fit.reason) is not says
     erring = says and stated == 0.1  # the sensors' errors of up to 0.1 K are no noise of 0.002 K
@@ -280,8 +290,8 @@ def test_readings_far_apart_are_thinned_and_not_taken_for_means():
     bins, apart = bin_readings(present, np.zeros((2881, 2)))
     assert apart == 120 and bins.rows_per_bin == 120
     response = np.full((2, 2881, 2), 1e-3)
-    thin, few = restricted_to_reading_rows(response, bins, apart)
-    R = NoiseShape(thin, few, np.array([0.1, 0.2]), 0.05).covariance_of(1.0, 0.0, 0.5).covariance
+    thin, few, errors = restricted_to_reading_rows(response, bins, apart, np.zeros((2, 24)))
+    R = NoiseShape(thin, few, np.array([0.1, 0.2]), 0.05, errors).covariance_of(1.0, 0.0, 0.5).covariance
     assert R.shape == (50, 50)
     # the last reading sees the noise of all rows before, each with 1e-3, from two faces
     assert R[24, 24] == pytest.approx(0.1**2 + 2 * 2881 * (0.05 * 1e-3) ** 2, rel=0.05)

@@ -6,8 +6,7 @@ import jax
 import numpy as np
 import pytest
 from benchmarks.accuracy import interval
-from benchmarks.reference.analytic_slab import refined
-from benchmarks.reference.analytic_slab import weather as hourly_weather
+from benchmarks.reference.analytic_slab import weather as fine_weather
 
 import wallid
 from wallid.case.initial_profile import scales
@@ -47,16 +46,18 @@ class SensorGains(NuisanceKind):
 
 
 def weather(seed):
-    return hourly_weather(interval.BEFORE + interval.ROWS, interval.STEP, np.random.default_rng(seed))
+    """True faces that vary within the rows, with their past."""
+    rows, step = (interval.BEFORE + interval.ROWS - 1) * interval.PARTS + 1, interval.STEP / interval.PARTS
+    return fine_weather(rows, step, np.random.default_rng(seed), hours=(8.0, 2.0))
 
 
 def simulated(seed, gain=0.0):
     """A case from the analytic slab, whose second sensor has a gain."""
     faces = weather(seed)
-    readings = interval.truth(refined(faces, interval.PARTS), np.array(interval.PLACES))
+    readings = interval.truth(faces, np.array(interval.PLACES))
     readings[:, 1] += gain * (readings[:, 1] - readings[:, 1].mean())
     readings = readings + 0.02 * np.random.default_rng(seed + 1).standard_normal(readings.shape)
-    return interval.case_of(ERRORS, faces[-interval.ROWS :], readings)
+    return interval.case_of(ERRORS, interval.at_rows(faces)[-interval.ROWS :], readings)
 
 
 def test_a_kind_from_outside_is_estimated():

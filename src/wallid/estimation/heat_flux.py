@@ -234,9 +234,7 @@ def _second_half_prediction(case: Case, window: Window, fit: GLSFit) -> HeldOutF
     residual = (np.asarray(data.observed) - predicted)[half:, -plates:]
     noise = early.robust or early.noise
     own = np.asarray(fit.noise_shape.sensor_std)[-plates:] ** 2 * (noise.white + noise.autocorrelated)
-    faces = (fit.noise_shape.face_std**2 * (noise.white + noise.autocorrelated)) * np.sum(
-        fit.noise_shape.response**2, axis=(0, 1)
-    )
+    faces = fit.noise_shape.face_variance(noise.white, noise.autocorrelated, noise.correlation)
     late = J[half:, -plates:][..., early.estimated_indices]
     variance = own + faces[-plates:] + np.einsum("tsp,pq,tsq->ts", late, early.covariance, late)
     inside = np.abs(residual) <= NORMAL_95 * np.sqrt(variance)

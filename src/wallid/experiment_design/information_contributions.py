@@ -112,16 +112,21 @@ class WindowContributions:
         step_response = np.cumsum(padded, axis=1).reshape(2, self.bins, self.bin_rows, -1).mean(axis=2)
         # response of a bin's mean to a face temperature that changes for one entire bin, as in NoiseShape
         self.bin_response = np.diff(step_response, axis=1, prepend=0.0)
+        # the faces' noise, and their errors between rows as if they were white too
+        steps_per_row = max(1, (self.predicted.faces.shape[1] - 1) // (self.rows - 1))
+        errors = self.case.record.face_errors_at(max(1, self.stride // steps_per_row))
+        variance = self.case.record.boundary_noise_std**2 + errors[:, 0] + 2.0 * errors[:, 1:].sum(axis=1)
+        self.face_std = np.sqrt(np.maximum(variance, 0.0) / self.bin_rows)
         self.face_noise_cache: dict[int, np.ndarray] = {}
         self.has_plates = bool(fluxes_of(self.case))
         self.conductance = wall_conductance(self.case) if self.has_plates else 1.0
 
     def face_noise(self, index: int) -> np.ndarray:
-        """Effect of one standard deviation of the faces' white noise on an output, K, `(bin, face and bin)`."""
+        """Effect of one standard deviation of the faces' white errors on an output, K, `(bin, face and bin)`."""
         if index not in self.face_noise_cache:
-            std = self.case.record.boundary_noise_std / math.sqrt(self.bin_rows)
-            parts = [std * scipy.linalg.toeplitz(face, np.zeros(self.bins)) for face in self.bin_response[:, :, index]]
-            self.face_noise_cache[index] = np.concatenate(parts, axis=1)
+            parts = [scipy.linalg.toeplitz(face, np.zeros(self.bins)) for face in self.bin_response[:, :, index]]
+            weighted = [std * part for std, part in zip(self.face_std, parts, strict=True)]
+            self.face_noise_cache[index] = np.concatenate(weighted, axis=1)
         return self.face_noise_cache[index]
 
     def contribution(self, window: int, index: int, sensor: Sensor, present: np.ndarray | None = None) -> Contribution:

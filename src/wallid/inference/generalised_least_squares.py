@@ -202,7 +202,8 @@ class _IteratedGLS:
         plates = response.shape[2] - len(case.sensors)
         response[:, :, len(case.sensors) :] *= conductance
         sensor_std = np.array([sensor.noise_std for sensor in case.sensors] + [flux_noise_std(case)] * plates)
-        return noise_shape_of_record(self.record, response, self.bins, self.spacing, sensor_std)
+        errors = case.record.face_errors
+        return noise_shape_of_record(self.record, response, self.bins, self.spacing, sensor_std, errors)
 
 
 def _wall_converged(fit: GLSFit, before: Parameters, names: Sequence[str]) -> bool:

@@ -261,10 +261,9 @@ class GLSFit:
 
     @cached_property
     def faces_covariance(self) -> np.ndarray:
-        """The part of the readings' covariance that is due to the faces' noise, K2."""
-        only = NoiseShape(
-            np.zeros_like(self.noise_shape.response), self.noise_shape.bins, self.noise_shape.sensor_std, 0.0
-        )
+        """The part of the readings' covariance due to the faces: their noise and what they do between rows, K2."""
+        shape = self.noise_shape
+        only = NoiseShape(np.zeros_like(shape.response), shape.bins, shape.sensor_std, 0.0, shape.face_errors)
         sensors = only.covariance_of(self.noise.white, self.noise.autocorrelated, self.noise.correlation).covariance
         present = self.noise_shape.counts.T.reshape(-1) > 0
         return (self.noise.covariance - sensors) * np.outer(present, present)

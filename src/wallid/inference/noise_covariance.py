@@ -1,11 +1,12 @@
 """The covariance of the residual of a correct model: the sensors' noise, and the faces' noise propagated by the wall.
 
-    R = S C S' + sum_f s_f^2 G_f C G_f' + sum_g E_g E_g',      C = v_w I + v_a AR(rho)
+    R = S C S' + sum_f G_f (s_f^2 C + V_f) G_f' + sum_g E_g E_g',      C = v_w I + v_a AR(rho)
 
 `S` holds the stated standard deviations of the inner sensors, `s_f` is that of a face, and `G_f` the readings' response
-to a face reading. `E_g` is the effect of the interpolation of a face over the gap g (`noise_of_record`). White noise
-and autocorrelated noise (a first-order autoregression) have variances relative to the stated one. They are estimated
-together with `rho` (`whittle_likelihood`). Position errors and offsets are no noise: they are parameters with priors.
+to a face reading. `V_f` is the covariance of what a face does between its readings (`records.face_variation`), and
+`E_g` the effect of the interpolation of a face over the gap g (`noise_of_record`). White noise and autocorrelated noise
+(a first-order autoregression) have variances relative to the stated one. They are estimated together with `rho`
+(`whittle_likelihood`). Position errors and offsets are no noise: they are parameters with priors.
 
 `R` is dense, so more than `MAX_READINGS` readings are replaced by means over bins of rows.
 """
@@ -23,6 +24,7 @@ import scipy
 from jaxtyping import Array, Float
 
 from .._internal.arrays import on_device
+from ..records.face_variation import of_means
 
 MAX_READINGS = 1500
 """Rows are averaged over bins until there are no more readings than this, because their covariance is dense."""
@@ -86,18 +88,19 @@ def bin_readings(present: np.ndarray, observed: np.ndarray) -> tuple[BinnedReadi
 
 
 def restricted_to_reading_rows(
-    response: np.ndarray, bins: BinnedReadings, spacing: int
-) -> tuple[np.ndarray, BinnedReadings]:
+    response: np.ndarray, bins: BinnedReadings, spacing: int, face_errors: np.ndarray
+) -> tuple[np.ndarray, BinnedReadings, np.ndarray]:
     """The response to the faces, and the readings' bins, on the rows with readings only, `spacing` rows apart.
 
-    The faces' noise of all rows between two readings enters as that of its mean.
+    The faces' noise of all rows between two readings enters as that of its mean. So do the errors of their cubics.
     """
     if spacing == 1:
-        return response, bins
+        return response, bins, face_errors
     first = np.arange(0, response.shape[1], spacing)
     observed, present = (on_device(np.add.reduceat(rows, first)) for rows in (bins.observed, bins.present))
     thinned = BinnedReadings(observed, present, bins.rows_per_bin // spacing)
-    return np.add.reduceat(response, first, axis=1) / math.sqrt(spacing), thinned
+    response = np.add.reduceat(response, first, axis=1) / math.sqrt(spacing)
+    return response, thinned, np.stack([spacing * of_means(errors, spacing) for errors in face_errors])
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +169,7 @@ class NoiseShape:
             straight lines between rows.
         bins: the readings.
         sensor_std: stated standard deviation of each sensor's readings, K. face_std: of the faces', K.
+        face_errors: autocovariance of the errors of each face's cubics between its readings, K2, `(face, lag)`.
         gap_errors: effect of one standard deviation of each gap's interpolation on the binned readings, K,
             `(gap, reading)`.
     """
@@ -176,6 +180,7 @@ class NoiseShape:
         bins: BinnedReadings,
         sensor_std: np.ndarray,
         face_std: float,
+        face_errors: np.ndarray,
         gaps: np.ndarray | None = None,
     ):
         rows, sensors = response.shape[1:]
@@ -183,7 +188,11 @@ class NoiseShape:
         self.present, self.counts = np.asarray(bins.present), np.asarray(bins.counts())
         self.rows_per_bin = bins.rows_per_bin
         self.bin_count = -(-rows // bins.rows_per_bin)
-        self.sensor_std, self.face_std = sensor_std, face_std
+        self.sensor_std, self.face_std, self.face_errors = sensor_std, face_std, face_errors
+        self.binned_face_errors = np.zeros((len(face_errors), self.bin_count))
+        for errors, binned in zip(face_errors, self.binned_face_errors, strict=True):
+            lags = of_means(errors, self.rows_per_bin)[: self.bin_count]
+            binned[: len(lags)] = lags
         self.gap_errors = np.zeros((0, sensors * self.bin_count)) if gaps is None else gaps
         padded = np.pad(self.response, ((0, 0), (0, self.bin_count * bins.rows_per_bin - rows), (0, 0)))
         # response of a bin's mean to a change of a face over a bin
@@ -210,9 +219,9 @@ class NoiseShape:
         C = scipy.linalg.toeplitz(cov)
         n, sensors, counts = self.bin_count, self.sensor_count, self.counts
         R = np.zeros((sensors * n, sensors * n))
-        for response in self.binned_response:
+        for response, errors in zip(self.binned_response, self.binned_face_errors, strict=True):
             G_f = np.concatenate([scipy.linalg.toeplitz(column, np.zeros_like(column)) for column in response.T])
-            R += self.face_std**2 * (G_f @ C) @ G_f.T
+            R += G_f @ (self.face_std**2 * C + scipy.linalg.toeplitz(errors)) @ G_f.T
         for s, std in enumerate(self.sensor_std):
             block = slice(s * n, (s + 1) * n)
             R[block, block] += std**2 * C
@@ -231,15 +240,22 @@ class NoiseShape:
         """The covariance with all noise white and as stated."""
         return self.covariance_of(1.0, 0.0, 0.8)
 
-    def _residual_rms(self, white: float, autocorrelated: float, rho: float) -> float:
-        """Root mean square of the noise at the rows, K, the faces' part included."""
+    def face_variance(self, white: float, autocorrelated: float, rho: float) -> Float[np.ndarray, " sensor"]:
+        """Variance of each sensor's readings at the rows by the errors of the faces, K2."""
         rows = self.response.shape[1]
         autocovariance = 2 * autocorrelated * rho ** np.arange(rows)  # of both signs of the lag
         autocovariance[0] = white + autocorrelated
         spectrum = np.fft.rfft(self.response, 2 * rows, axis=1)
         correlation = np.fft.irfft(np.abs(spectrum) ** 2, axis=1)[:, :rows]  # (face, lag, sensor)
-        face_variance = np.einsum("flk,l->k", correlation, autocovariance)
-        variance = self.sensor_std**2 * (white + autocorrelated) + self.face_std**2 * face_variance
+        lags = min(rows, self.face_errors.shape[1])
+        of_cubics = 2.0 * self.face_errors[:, :lags]
+        of_cubics[:, 0] /= 2.0
+        of_readings = self.face_std**2 * np.einsum("flk,l->k", correlation, autocovariance)
+        return of_readings + np.einsum("flk,fl->k", correlation[:, :lags], of_cubics)
+
+    def _residual_rms(self, white: float, autocorrelated: float, rho: float) -> float:
+        """Root mean square of the noise at the rows, K, the faces' part included."""
+        variance = self.sensor_std**2 * (white + autocorrelated) + self.face_variance(white, autocorrelated, rho)
         gap_variance = (np.sum(self.gap_errors**2, axis=0) * self.counts.T.reshape(-1)).sum()
         return float(np.sqrt(((self.present * variance).sum() + gap_variance) / self.present.sum()))
 

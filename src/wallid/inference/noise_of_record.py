@@ -1,4 +1,4 @@
-"""The structure of the noise covariance of a record's readings: sensors, faces, and the faces' interpolated gaps.
+"""The structure of the noise covariance of a record's readings: sensors, faces, and the faces' interpolation.
 
 Each gap is one fully correlated error:
 
@@ -6,14 +6,22 @@ Each gap is one fully correlated error:
 
 `fill_std` is the standard error of the interpolated face in row i, `G_f(i)` the readings' response to 1 K more there,
 and `s_f` the noise of a face's reading, which the noise covariance contains in every row already.
+
+How a face bends between its rows is one more such error of each face, the same in all rows. The readings do not show
+whether the face is smooth or rough, or whether the logger stores means. One standard deviation is six tenths of the
+change from cubics to straight lines:
+
+    E_f = 0.6 sum_i c_i G_f(i),      c = `from_cubics_to_lines`
 """
 
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 
 from .._internal.arrays import on_device
+from ..records.face_variation import BENDING_STD, from_cubics_to_lines
 from ..records.uniform_record import Record
 from .noise_covariance import BinnedReadings, NoiseShape, restricted_to_reading_rows
 
@@ -21,7 +29,12 @@ _MAX_GAPS = 300  # each is a term of a dense covariance
 
 
 def noise_shape_of_record(
-    record: Record, response: np.ndarray, bins: BinnedReadings, spacing: int, sensor_std: np.ndarray
+    record: Record,
+    response: np.ndarray,
+    bins: BinnedReadings,
+    spacing: int,
+    sensor_std: np.ndarray,
+    face_errors: np.ndarray,
 ) -> NoiseShape:
     """The structure of the noise covariance of the binned readings.
 
@@ -30,10 +43,12 @@ def noise_shape_of_record(
         response: response of the readings at the rows to 1 K more at one row of one face, `(face, row, sensor)`.
         bins, spacing: as from `bin_readings`.
         sensor_std: standard deviation of each sensor's readings, K.
+        face_errors: autocovariance of the errors of each face's cubics, K2, `(face, lag)`.
     """
     gaps = gap_errors(record.fill_std, record.boundary_noise_std, response, bins)
-    response, bins = restricted_to_reading_rows(response, bins, spacing)
-    return NoiseShape(response, bins, sensor_std, record.boundary_noise_std, gaps)
+    interpolation = np.concatenate([gaps, bending_errors(record.faces, response, bins)])
+    response, bins, face_errors = restricted_to_reading_rows(response, bins, spacing, face_errors)
+    return NoiseShape(response, bins, sensor_std, record.boundary_noise_std, face_errors, interpolation)
 
 
 def gap_errors(
@@ -61,6 +76,24 @@ def gap_errors(
             effect[row:] += excess[row, side] * response[side, : rows - row]
         errors.append(np.asarray(bins.mean(on_device(effect)))[None])
     return np.concatenate(errors)
+
+
+def bending_errors(
+    faces: Float[np.ndarray, "time face"], response: np.ndarray, bins: BinnedReadings
+) -> Float[np.ndarray, "face reading"]:
+    """The effect on the binned readings of one standard deviation of how each face bends between its rows, K.
+
+    Args:
+        faces: the faces' readings, degC.
+        response: of the readings at the rows to 1 K more at one row of one face, `(face, row, sensor)`.
+        bins: the readings and their bins.
+    """
+    errors = []
+    for face, own in zip(faces.T, response, strict=True):
+        change = BENDING_STD * from_cubics_to_lines(face)[:, None]
+        effect = scipy.signal.fftconvolve(change, own, axes=0)[: len(face)]
+        errors.append(np.asarray(bins.mean(on_device(effect))))
+    return np.stack(errors)
 
 
 def _true_runs(mask: np.ndarray) -> list[tuple[int, int]]:

@@ -1,9 +1,10 @@
 """The size and autocorrelation of the noise, estimated from a residual by the restricted Whittle likelihood.
 
-With `z_k` the cosine coefficients of the residual of the binned readings, and `v S_k(share, rho)` their variances under
-noise of total variance `v` (over the stated one), of which a share is autocorrelated::
+With `z_k` the cosine coefficients of the residual of the binned readings, and `d_k = v S_k(share, rho) + V_k` their
+variances under noise of total variance `v` (over the stated one), of which a share is autocorrelated, and under what
+the faces do between rows, `V_k`, which is known from the faces::
 
-    -2 log L = sum_k w_k (ln(v S_k) + z_k^2 / (w_k v S_k)) + (ln v)^2
+    -2 log L = sum_k w_k (ln d_k + z_k^2 / (w_k d_k)) + (ln v)^2
 
 The noise must neither absorb nor be inflated by what a parameter explains. So every direction in which a parameter (or
 a candidate effect) changes the readings is projected out of `z`, and `w_k` is the share of a frequency that remains.
@@ -28,6 +29,7 @@ _MIN_SHARE = 0.3  # of a frequency that remains after the projection: with less 
 _RANK_TOLERANCE = 1e-4  # of the projected directions, relative to the largest singular value
 _PRIOR_STD = 1.0  # of ln(total variance / stated variance)
 _MAX_CORRELATION = 0.98  # from row to row
+_SCORING_STEPS = 20  # of the total variance
 _SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _CORRELATIONS = (0.3, 0.5, 0.6, 0.7, 0.76, 0.82, 0.86, 0.89, 0.92, 0.95, 0.97)
 
@@ -73,8 +75,10 @@ def estimate_noise(
     noise = replace(shape.covariance_of(*sizes), log_power_std=log_power_std, degrees_of_freedom=weight)
     if sensitivity is None:
         return noise
-    variance = np.array([likelihood.log_variance(sensitivity, *point) for point in grid]) + totals
-    reference = likelihood.log_variance(sensitivity, share, rho) + np.log(sum(sizes[:2]))
+    variance = np.array(
+        [likelihood.log_variance(sensitivity, *point, total) for point, total in zip(grid, totals, strict=True)]
+    )
+    reference = likelihood.log_variance(sensitivity, share, rho, float(np.log(sum(sizes[:2]))))
     return replace(noise, shape_probability=probability, std_ratio=np.exp(0.5 * (variance - reference)))
 
 
@@ -104,9 +108,12 @@ class _Whittle:
         spectrum = np.fft.rfft(shape.binned_response, 2 * shape.bin_count, axis=1)[:, : shape.bin_count]
         face_gain = (np.abs(spectrum) ** 2).sum(axis=0)  # (frequency, sensor)
         self.stated = shape.sensor_std**2 + shape.face_std**2 * face_gain
+        between = np.stack([self._cosine_variances(errors) for errors in shape.binned_face_errors])
+        between_rows = np.einsum("fk,fks->ks", between, np.abs(spectrum) ** 2)
         self.spectra: dict[float, np.ndarray] = {}  # of autocorrelated noise, by rho
         present = shape.counts.T > 0  # (sensor, bin)
         self.present_share = present.mean(axis=1).clip(0.05)  # missing readings reduce the power at each frequency
+        self.between_rows = (between_rows * self.present_share).T.reshape(-1)
         self.residual = self._transform(residual)
         X = self._transform(directions)
         self.directions = X / np.maximum(np.linalg.norm(X, axis=1, keepdims=True), 1e-300)
@@ -116,24 +123,28 @@ class _Whittle:
         shaped = values.reshape(*values.shape[:-1], self.shape.sensor_count, self.shape.bin_count)
         return np.asarray(scipy.fft.dct(shaped, type=2, norm="ortho", axis=-1)).reshape(*values.shape[:-1], -1)
 
+    def _cosine_variances(self, cov: np.ndarray) -> np.ndarray:
+        """The variance of each cosine coefficient of a process with this autocovariance by lag in bins."""
+        omega = np.pi * np.arange(self.shape.bin_count) / self.shape.bin_count
+        ends = edge_spectrum(cov, omega)
+        return np.maximum(2 * dct_spectrum(cov, omega) - cov[0] - ends, 1e-12 * cov[0])
+
     def density(self, white: float, autocorrelated: float, rho: float) -> np.ndarray:
-        """The variance of each cosine coefficient, sensor by sensor, at these variances and autocorrelation."""
+        """The variance of each cosine coefficient of the noise, sensor by sensor, at these variances."""
         if rho not in self.spectra:
-            cov = self.shape.autocovariance(rho)
-            omega = np.pi * np.arange(self.shape.bin_count) / self.shape.bin_count
-            ends = edge_spectrum(cov, omega)
-            self.spectra[rho] = np.maximum(2 * dct_spectrum(cov, omega) - cov[0] - ends, 1e-12)
+            self.spectra[rho] = self._cosine_variances(self.shape.autocovariance(rho))
         flat = white / self.shape.rows_per_bin + autocorrelated * self.spectra[rho]
         return (flat[:, None] * self.stated * self.present_share).T.reshape(-1)
 
-    def log_variance(self, sensitivity: np.ndarray, share: float, rho: float) -> float:
-        """The logarithm of the variance of a parameter's estimate under noise of this shape, for a total of 1."""
+    def log_variance(self, sensitivity: np.ndarray, share: float, rho: float, log_total: float) -> float:
+        """The logarithm of the variance of a parameter's estimate under noise of this shape and total."""
         power = self._transform(sensitivity) ** 2
-        return -float(np.log(np.sum(power / self.density(1.0 - share, share, rho))))
+        density = np.exp(log_total) * self.density(1.0 - share, share, rho) + self.between_rows
+        return -float(np.log(np.sum(power / density)))
 
     def project_out(self, sizes: tuple[float, float, float]) -> None:
         """Project the directions out, by least squares under noise of these sizes."""
-        density = self.density(*sizes)
+        density = self.density(*sizes) + self.between_rows
         u, singular, _ = np.linalg.svd((self.directions / np.sqrt(density)).T, full_matrices=False)
         basis = u[:, singular > _RANK_TOLERANCE * singular[0]]
         whitened = self.residual / np.sqrt(density)
@@ -147,11 +158,19 @@ class _Whittle:
         """`-2 log L` at the best total variance, and that variance's logarithm."""
         if not (0.0 <= share <= 1.0 and 0.0 <= rho <= _MAX_CORRELATION):
             return 1e12, 0.0
-        density = self.density(1.0 - share, share, rho)[self.used]
-        count = self.weight.sum()
-        total = np.log(self.weight @ (self.power / density) / count)
-        total *= 1.0 - 1.0 / (1.0 + 0.5 * count * _PRIOR_STD**2)
-        cost = self.weight @ (np.log(density) + total + self.power / density * np.exp(-total))
+        shape, between = self.density(1.0 - share, share, rho)[self.used], self.between_rows[self.used]
+        total = np.log(self.weight @ (self.power / (shape + between)) / self.weight.sum())
+        for _ in range(_SCORING_STEPS):
+            own = np.exp(total) * shape
+            density = own + between
+            part = own / density
+            score = self.weight @ (part * (self.power / density - 1.0)) - 2.0 * total / _PRIOR_STD**2
+            step = score / (self.weight @ part**2 + 2.0 / _PRIOR_STD**2)
+            total += np.clip(step, -1.0, 1.0)
+            if abs(step) < 1e-3:
+                break
+        density = np.exp(total) * shape + between
+        cost = self.weight @ (np.log(density) + self.power / density)
         return float(cost + (total / _PRIOR_STD) ** 2), float(total)
 
 

@@ -152,8 +152,9 @@ def cumulative_power(values: np.ndarray, step: float) -> tuple[np.ndarray, np.nd
 def expected_cumulative_power(fit: EffectFit) -> np.ndarray:
     """Share of the variance of the modelled noise below each frequency of `cumulative_power`, by sensor.
 
-    The power density is `(white + autocorrelated S(omega)) (sensor_std^2 + boundary_std^2 |H(omega)|^2)`. `S` is the
-    spectrum of an AR(1) process, `H` the frequency response of a sensor to the boundary temperatures.
+    The power density is `(white + autocorrelated S(omega)) (sensor_std^2 + boundary_std^2 |H(omega)|^2)
+    + V(omega) |H(omega)|^2`. `S` is the spectrum of an AR(1) process, `H` the frequency response of a sensor to the
+    boundary temperatures, and `V` the spectrum of their errors between rows.
 
     Returns:
         Shares, `(frequency, sensor)`.
@@ -165,8 +166,12 @@ def expected_cumulative_power(fit: EffectFit) -> np.ndarray:
     omega = 2 * np.pi * np.arange(1, response.shape[1] + 1) / rows
     rho = noise.correlation
     spectrum = (1 - rho**2) / (1 - 2 * rho * np.cos(omega) + rho**2)
-    face_variance = problem.record.boundary_noise_std**2 * (np.abs(response) ** 2).sum(axis=0)
+    gain = np.abs(response) ** 2
+    face_variance = problem.record.boundary_noise_std**2 * gain.sum(axis=0)
     power = (noise.white + noise.autocorrelated * spectrum)[:, None] * (sensor_std**2 + face_variance)
+    errors = problem.case.record.face_errors
+    between = errors[:, :1] + 2.0 * errors[:, 1:] @ np.cos(np.outer(np.arange(1, errors.shape[1]), omega))
+    power += np.einsum("fw,fws->ws", np.maximum(between, 0.0), gain)
     return np.cumsum(power, axis=0) / power.sum(axis=0)
 
 

@@ -1,0 +1,173 @@
+"""What a face does between two rows: its course there, and the error of this course.
+
+A wall responds to the mean of its face over the time of a row. The mean of a cubic through the readings is right for a
+smooth face, that of straight lines for a face that changes at random. Readings do not show which of the two a face is.
+So the course is between cubics (0) and straight lines (1), at `_MEAN_BENDING` with the standard deviation
+`BENDING_STD`. Both numbers were measured on 36 faces that were thinned out (London, Tampere, ice in Nepal).
+
+A second error varies from row to row. The temperature of a face is a daily cycle and a Gaussian process with two parts:
+a smooth one (Matern 3/2) and a rough one (Matern 1/2: gusts, clouds, a heater that switches). Their sizes and rates
+come from the power of the face's own readings at high frequencies (Whittle likelihood):
+
+    f_d(theta) = sum_j S(theta + 2 pi j) + s^2,      S = 4 a^2 l^3 / (l^2 + w^2)^2 + 2 b^2 m / (m^2 + w^2)
+
+The mean of the cubic over a row is in error by a stationary process with the spectrum
+
+    E(theta) = sum_j S(theta + 2 pi j) (sinc_j - H(theta))^2,      sinc_j = sin(w / 2) / (w / 2)
+
+`H` is the weight that the mean of a cubic over a row gives to the readings around it. Frequencies are in rad a row.
+
+Source: P. Whittle, Ark. Mat. 2 (1953), 423; A. M. Yaglom, Correlation Theory of Stationary and Related Random Functions
+(1987), 1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+from jaxtyping import Float
+
+from .._internal.units import DAY
+
+BENDING_STD = 0.6
+"""Standard deviation of the course between cubics (0) and straight lines (1), about its mean."""
+_MEAN_BENDING = 0.44
+_ALIASES = np.arange(-12, 13)  # multiples of the sampling frequency
+_HARMONICS = 4  # of the day
+_FIRST_FREQUENCY = 3  # of the transform: lower ones hold the trend
+_MOST_FREQUENCIES = 60  # means of neighbouring ones
+_TAPER_BANDWIDTH = 1.9  # frequencies that a Hann taper makes dependent
+_LAGS = 24  # rows, beyond which the errors are uncorrelated
+_FEWEST_ROWS = 24
+_GRID = 2.0 * np.pi * np.arange(256) / 256
+# prior mean and standard deviation of ln(l), ln(m) in rad a row, and of the logit of the share of the stated noise
+_SMOOTH_RATE, _ROUGH_RATE, _NOISE_SHARE = (np.log(0.15), 1.5), (np.log(1.5), 1.5), (2.0, 2.0)
+_SMALLEST_NOISE = 1e-4  # K, so that constant and rounded readings have a finite likelihood
+# the mean of a cubic over the row about its reading: weights of the reading, and of those one and two rows beside it
+_MEAN_OF_CUBIC = (161.0 / 192.0, 18.0 / 192.0, -2.5 / 192.0)
+
+
+def course_between_rows(faces: Float[np.ndarray, "time face"]) -> np.ndarray:
+    """The values through which cubics have means over a row between those of cubics and of lines through the readings.
+
+    Args:
+        faces: the faces' readings, degC.
+    """
+    return faces + _MEAN_BENDING * np.stack([from_cubics_to_lines(face) for face in faces.T], axis=1)
+
+
+def cubic_errors(faces: Float[np.ndarray, "time face"], step: float, noise_std: float) -> np.ndarray:
+    """`cubic_error_autocovariance` of both faces, `(face, lag)`."""
+    return np.stack([cubic_error_autocovariance(face, step, noise_std) for face in faces.T])
+
+
+def cubic_error_autocovariance(values: Float[np.ndarray, " time"], step: float, noise_std: float) -> np.ndarray:
+    """Autocovariance, by lag in rows, of the error of the mean over a row of the cubics through a face's readings.
+
+    Args:
+        values: the face's readings at uniform rows, degC.
+        step: from row to row, s.
+        noise_std: of a reading, K. The error is that without this noise.
+
+    Returns:
+        K2, `(lag,)`; zero where the readings are too few or constant.
+    """
+    if len(values) < _FEWEST_ROWS or np.ptp(values) == 0.0:
+        return np.zeros(_LAGS)
+    theta, power, count = _periodogram(_without_daily_cycle(values, step))
+    smooth, smooth_rate, rough, rough_rate = _fit(theta, power, count, noise_std)
+    frequencies = np.minimum(_GRID, 2.0 * np.pi - _GRID)
+    spectrum = _error_spectrum(np.maximum(frequencies, 1e-6), smooth, smooth_rate, rough, rough_rate)
+    return np.fft.ifft(spectrum).real[:_LAGS]
+
+
+def _without_daily_cycle(values: np.ndarray, step: float) -> np.ndarray:
+    """A face's temperatures without a parabola and the lowest harmonics of the day."""
+    rows = np.arange(len(values))
+    turn = 2.0 * np.pi * rows * step / DAY
+    columns = [np.linspace(-1.0, 1.0, len(values)) ** power for power in range(3)]
+    if len(values) * step >= 2.0 * DAY:
+        harmonics = [k for k in range(1, _HARMONICS + 1) if k * step / DAY < 0.25]
+        columns += [wave(k * turn) for k in harmonics for wave in (np.cos, np.sin)]
+    design = np.stack(columns, axis=1)
+    return values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
+
+
+def _periodogram(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frequencies in rad a row, mean power of each, and the number of independent values in the mean."""
+    taper = np.hanning(len(values) + 2)[1:-1]
+    power = np.abs(np.fft.rfft(taper * values))[_FIRST_FREQUENCY:] ** 2 / np.sum(taper**2)
+    theta = 2.0 * np.pi * (_FIRST_FREQUENCY + np.arange(len(power))) / len(values)
+    edges = np.unique(np.round(np.geomspace(1, len(power), _MOST_FREQUENCIES)).astype(int)) - 1
+    count = np.diff(np.append(edges, len(power)))
+    means = (np.add.reduceat(column, edges) / count for column in (theta, power))
+    return *means, count / _TAPER_BANDWIDTH
+
+
+def _parts(theta: np.ndarray, smooth: float, smooth_rate: float, rough: float, rough_rate: float) -> np.ndarray:
+    """Power at each frequency and its aliases, `(frequency, alias)`; the outermost hold the rest of the rough part."""
+    w = theta[:, None] + 2.0 * np.pi * _ALIASES
+    rough_power = 2.0 * rough * rough_rate / (rough_rate**2 + w**2)
+    memory = np.exp(-rough_rate)
+    total = rough * (1.0 - memory**2) / (1.0 - 2.0 * memory * np.cos(theta) + memory**2)
+    rough_power[:, [0, -1]] += 0.5 * (total - rough_power.sum(axis=1))[:, None]
+    return 4.0 * smooth * smooth_rate**3 / (smooth_rate**2 + w**2) ** 2 + rough_power
+
+
+def _fit(theta: np.ndarray, power: np.ndarray, count: np.ndarray, noise_std: float) -> np.ndarray:
+    """Variance and rate of the smooth part, then of the rough part, by the penalised Whittle likelihood."""
+    noise = max(noise_std, _SMALLEST_NOISE) ** 2
+    variance = float(power.max()) * 0.1 + noise
+
+    def cost(y: np.ndarray) -> float:
+        density = _parts(theta, *np.exp(y[:4])).sum(axis=1) + noise * scipy.special.expit(y[4])
+        priors = (y[[1, 3, 4]] - [_SMOOTH_RATE[0], _ROUGH_RATE[0], _NOISE_SHARE[0]]) / (
+            np.array([_SMOOTH_RATE[1], _ROUGH_RATE[1], _NOISE_SHARE[1]])
+        )
+        return float(count @ (np.log(density) + power / density) + priors @ priors)
+
+    fits = []
+    for rough in (1e-1, 1e-3):
+        for rate in (0.3, 1.5):
+            first = [np.log(variance), _SMOOTH_RATE[0], np.log(rough * variance), np.log(rate), _NOISE_SHARE[0]]
+            options = {"maxfev": 800, "xatol": 1e-2, "fatol": 1e-2}
+            fits.append(scipy.optimize.minimize(cost, first, method="Nelder-Mead", options=options))
+    return np.exp(min(fits, key=lambda fit: fit.fun).x[:4])
+
+
+def _error_spectrum(theta: np.ndarray, *parts: float) -> np.ndarray:
+    """Spectrum of the error of a row's mean, K2."""
+    w = theta[:, None] + 2.0 * np.pi * _ALIASES
+    own, beside, next_one = _MEAN_OF_CUBIC
+    weight = own + 2.0 * beside * np.cos(theta) + 2.0 * next_one * np.cos(2.0 * theta)
+    return (_parts(theta, *parts) * (np.sinc(w / (2.0 * np.pi)) - weight[:, None]) ** 2).sum(axis=1)
+
+
+def from_cubics_to_lines(values: Float[np.ndarray, " time"]) -> np.ndarray:
+    """Change of the mean over each row, K, from cubics through a face's readings to straight lines.
+
+    It is a twelfth of the readings' second difference for slow changes. A logger that stores means over the time of a
+    row, instead of temperatures at one instant, has minus half of it.
+    """
+    own, beside, next_one = _MEAN_OF_CUBIC
+    weights = np.array([-next_one, 0.125 - beside, 0.75 - own, 0.125 - beside, -next_one])
+    if len(values) < len(weights):
+        return np.zeros(len(values))
+    inside = np.convolve(values, weights, mode="valid")
+    return np.concatenate([np.zeros(2), inside, np.zeros(2)])
+
+
+def of_means(autocovariance: Float[np.ndarray, " lag"], rows: int) -> np.ndarray:
+    """Autocovariance of the means over blocks of rows, by lag in blocks; as many lags as are not zero.
+
+    Args:
+        autocovariance: by lag in rows; zero beyond.
+        rows: in a block.
+    """
+    if rows == 1:
+        return autocovariance
+    blocks = (len(autocovariance) + rows - 1) // rows + 1
+    triangle = (rows - np.abs(np.arange(1 - rows, rows))) / rows**2
+    lags = np.abs(rows * np.arange(blocks)[:, None] + np.arange(1 - rows, rows))
+    padded = np.append(autocovariance, 0.0)
+    return padded[np.minimum(lags, len(autocovariance))] @ triangle

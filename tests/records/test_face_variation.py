@@ -1,0 +1,92 @@
+"""What faces do between rows: against simulated faces that are known every minute, and against direct integration."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.integrate import quad
+from scipy.interpolate import CubicHermiteSpline
+from scipy.linalg import toeplitz
+from scipy.signal import lfilter
+
+from wallid.records.face_variation import (
+    course_between_rows,
+    cubic_error_autocovariance,
+    from_cubics_to_lines,
+    of_means,
+)
+
+MINUTES = 60  # of a row
+
+
+def face(rng, gust, days=20):
+    """A face every minute, degC: a daily cycle, smooth weather with 8 and 2 hours, and gusts of 15 minutes."""
+    count = days * 24 * MINUTES
+    poles = np.exp(-1 / 60 / np.array([8.0, 2.0]))
+    smooth = lfilter([1.0], np.poly(poles), rng.standard_normal(count + 3000))[3000:]
+    memory = np.exp(-1 / 15)
+    rough = lfilter([np.sqrt(1 - memory**2)], [1.0, -memory], rng.standard_normal(count))
+    return 8 + 3 * np.sin(2 * np.pi * np.arange(count) / 1440) + smooth / smooth.std() + gust * rough
+
+
+def mean_of_cubic(values):
+    """Means over each row but the first and last two of the cubics with central slopes, by quadrature."""
+    rows = np.arange(len(values), dtype=float)
+    cubic = CubicHermiteSpline(rows, values, np.gradient(values))
+    return np.array([quad(cubic, k - 0.5, k + 0.5, points=[k])[0] for k in rows[2:-2]])
+
+
+@pytest.mark.parametrize("gust", [0.1, 0.3])
+@pytest.mark.parametrize("step", [10, 30, 60])
+def test_the_error_between_rows_is_predicted_from_the_rows_alone(gust, step):
+    """The predicted size against the true one, which only the face every minute shows."""
+    rng = np.random.default_rng([4, step, int(10 * gust)])
+    fine = face(rng, gust)
+    rows = fine[::step]
+    weights = np.ones(step + 1)
+    weights[[0, -1]] = 0.5
+    means = np.convolve(fine, weights / step, mode="valid")[step // 2 :: step][1 : len(rows) - 3]
+    error = mean_of_cubic(rows)[: len(means)] - means[: len(rows) - 4]
+    predicted = cubic_error_autocovariance(rows + 0.02 * rng.standard_normal(len(rows)), 60.0 * step, 0.02)
+    assert np.sqrt(predicted[0]) == pytest.approx(error.std(), rel=0.25)
+    slow = of_means(predicted, 6)[0] / np.var(error[: len(error) // 6 * 6].reshape(-1, 6).mean(axis=1))
+    assert 0.5 < slow < 2.0, "what a wall responds to most is slow"
+
+
+def test_a_smooth_face_has_next_to_no_error_and_its_noise_is_none():
+    rng = np.random.default_rng(5)
+    rows = face(rng, 0.0)[::10] + 0.05 * rng.standard_normal(2880)
+    assert np.sqrt(cubic_error_autocovariance(rows, 600.0, 0.05)[0]) < 0.01
+
+
+def test_a_constant_face_and_few_rows_have_no_error():
+    assert not cubic_error_autocovariance(np.full(300, 12.0), 3600.0, 0.1).any()
+    assert not cubic_error_autocovariance(np.arange(10.0), 3600.0, 0.1).any()
+
+
+def test_the_change_from_cubics_to_lines_is_that_of_their_integrals():
+    values = np.random.default_rng(6).standard_normal(12)
+    lines = (values[1:-3] + 6 * values[2:-2] + values[3:-1]) / 8  # half of each neighbouring line
+    assert_allclose(from_cubics_to_lines(values)[2:-2], lines - mean_of_cubic(values), atol=1e-12)
+
+
+def test_slow_changes_bend_by_a_twelfth_of_their_second_difference():
+    values = 0.5 * np.arange(30.0) ** 2
+    assert_allclose(from_cubics_to_lines(values)[2:-2], 1 / 12, atol=1e-12)
+    assert_allclose(course_between_rows(np.stack([values, 0 * values], axis=1))[2:-2, 0] - values[2:-2], 0.44 / 12)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(1, 9), st.lists(st.floats(-1, 1), min_size=1, max_size=12))
+def test_the_covariance_of_means_is_that_of_the_rows_averaged(rows, lags):
+    autocovariance = np.array(lags)
+    count = 6 * rows + len(lags)
+    blocks = count // rows
+    full = toeplitz(np.pad(autocovariance, (0, count - len(lags))))[: blocks * rows, : blocks * rows]
+    mean = np.kron(np.eye(blocks), np.full((1, rows), 1 / rows))
+    want = (mean @ full @ mean.T)[0]
+    found = of_means(autocovariance, rows)
+    width = min(len(found), blocks)
+    assert_allclose(found[:width], want[:width], atol=1e-12)
+    assert_allclose(want[width:], 0.0, atol=1e-12)
