@@ -3,9 +3,9 @@
 Each record is a slab between faces that are known to its simulator every minute: sine series, exact in time between
 these minutes, no part of wallid. The record has a row every 10, 30 or 60 minutes. Between the rows the true faces are
 smooth (weather with time constants of 8 and 2 hours), straight lines, or gusty (the smooth ones, and gusts of 15
-minutes). `estimate` has three days of each, `diagnose` (and the test of the entire record that `run` makes) two weeks. The width is held against the best possible: the
-Cramer-Rao bound with the covariance of the readings, in which the faces between rows are a Gaussian process of the true
-kind, known at its noisy rows.
+minutes). `estimate` has three days of each. `diagnose`, and the test of the entire record that `run` makes, have two
+weeks. The width is held against the best possible: the Cramer-Rao bound with the covariance of the readings, in which
+the faces between rows are a Gaussian process of the true kind, known at its noisy rows.
 
 Each record's outcome is appended to a log of JSON lines, so that a long run goes on where it ended.
 """
