@@ -37,7 +37,7 @@ from .reduction.training_signals import learn, training_signals
 Progress = Callable[[str, float], None]
 """Called at the beginning of each step with its text and the completed share of the work, 0 to 1."""
 
-STAGES = ("design", "learn", "orders", "estimate", "reliability", "screening", "lengths")
+STAGES = ("design", "learn", "orders", "estimate", "reliability", "screening")
 """The default stages of a run. `orders`: error of the reduced-order model against its order. `reliability`: prediction
 over the entire record. `screening`: test whether an effect is missing from the model. Further stages: `check` (the
 record), `lengths` (windows of other lengths), `places` (further sensors), `campaign` (the estimate from all windows)

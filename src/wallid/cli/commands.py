@@ -24,6 +24,7 @@ from .options import (
     Formats,
     Integrator,
     Json,
+    Lengths,
     Model,
     Orders,
     Out,
@@ -64,6 +65,7 @@ def demo(
     weights: Weights = "noise",
     integrator: Integrator = "propagator",
     orders: Orders = "",
+    lengths: Lengths = False,
     out: Out = DEFAULT_OUT,
     json: Json = False,
     quiet: Quiet = False,
@@ -74,7 +76,7 @@ def demo(
     The last step is the diagnosis of the entire record: the effect that is missing from the plain model, and the
     diffusivity of the model with this effect.
     """
-    stages = (*workflow.STAGES, "diagnose")
+    stages = (*_stages(lengths), "diagnose")
     options: dict[str, Any] = {"weights": weights, "integrator": integrator}
     run_command("saint_julien", model, stages, out, json, quiet, formats, orders=orders, **options)
 
@@ -86,6 +88,7 @@ def run(
     weights: Weights = "noise",
     integrator: Integrator = "propagator",
     orders: Orders = "",
+    lengths: Lengths = False,
     bootstrap: Draws = 0,
     out: Out = DEFAULT_OUT,
     json: Json = False,
@@ -97,7 +100,11 @@ def run(
     This command does not search for missing effects (the verdict is null): see `wallid diagnose`.
     """
     options = {"weights": weights, "integrator": integrator, "draws": bootstrap}
-    run_command(case, model, workflow.STAGES, out, json, quiet, formats, orders=orders, **options)
+    run_command(case, model, _stages(lengths), out, json, quiet, formats, orders=orders, **options)
+
+
+def _stages(lengths: bool) -> tuple[str, ...]:
+    return (*workflow.STAGES, "lengths") if lengths else workflow.STAGES
 
 
 @app.command()
