@@ -1,1 +1,1 @@
-"""What the commands do with damaged files."""
+"""What the commands do with damaged files, and at signals."""

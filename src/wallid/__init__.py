@@ -10,38 +10,71 @@ JAX must first be set to 64-bit floats: `jax.config.update("jax_enable_x64", Tru
 """
 
 from importlib import import_module as _import_module
-from importlib.metadata import version as _version
-from typing import TYPE_CHECKING
-
-from ._internal.errors import InputError
-from .case import Case, Layer, Sensor, Wall, Window, load
-from .discrepancy import Diagnosis, diagnose
-from .estimation import (
-    CampaignEstimate,
-    Estimate,
-    Prediction,
-    WallEstimates,
-    campaign,
-    estimate,
-    estimate_walls,
-    predict,
-)
-from .experiment_design import Design, SensorPlacement, design, place_sensors
-from .models import StateSpace, full_order_model, sensitivity, simulate
-from .records import Record, read_record
-from .reduction import LearnedModel, learn
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from . import plot
+    from ._internal.errors import InputError
+    from .case import Case, Layer, Sensor, Wall, Window, load
+    from .discrepancy import Diagnosis, diagnose
+    from .estimation import (
+        CampaignEstimate,
+        Estimate,
+        Prediction,
+        WallEstimates,
+        campaign,
+        estimate,
+        estimate_walls,
+        predict,
+    )
+    from .experiment_design import Design, SensorPlacement, design, place_sensors
+    from .models import StateSpace, full_order_model, sensitivity, simulate
+    from .records import Record, read_record
+    from .reduction import LearnedModel, learn
 
-__version__ = _version("wallid")
+    __version__: str
+
+_NAMES = {
+    "_internal.errors": ("InputError",),
+    "case": ("Case", "Layer", "Sensor", "Wall", "Window", "load"),
+    "discrepancy": ("Diagnosis", "diagnose"),
+    "estimation": (
+        *("CampaignEstimate", "Estimate", "Prediction", "WallEstimates"),
+        *("campaign", "estimate", "estimate_walls", "predict"),
+    ),
+    "experiment_design": ("Design", "SensorPlacement", "design", "place_sensors"),
+    "models": ("StateSpace", "full_order_model", "sensitivity", "simulate"),
+    "records": ("Record", "read_record"),
+    "reduction": ("LearnedModel", "learn"),
+}
+"""The public names of each module; the same as in the imports above."""
+_HOMES = {name: module for module, names in _NAMES.items() for name in names}
+_PACKAGES = ("case", "discrepancy", "estimation", "experiment_design", "inference", "models", "plot", "records",
+             "reduction", "report", "workflow")  # fmt: skip
 
 
-def __getattr__(name: str):
-    """Import `wallid.plot` at its first use, because the import of matplotlib is slow."""
-    if name == "plot":
-        return _import_module(".plot", __name__)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+def __getattr__(name: str) -> Any:
+    """Import a public name, or a package, at its first use.
+
+    The import of JAX takes a second. Without it in this file, the command line owns the process from its start: an
+    interruption in that second ends it in the same way as later.
+    """
+    if name in _PACKAGES:
+        return _import_module(f".{name}", __name__)
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value = version("wallid")
+    elif name in _HOMES:
+        value = getattr(_import_module(f".{_HOMES[name]}", __name__), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES, *_PACKAGES, "__version__"})
 
 
 __all__ = [

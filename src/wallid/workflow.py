@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -37,11 +37,11 @@ from .reduction.training_signals import learn, training_signals
 Progress = Callable[[str, float], None]
 """Called at the beginning of each step with its text and the completed share of the work, 0 to 1."""
 
-STAGES = ("design", "learn", "orders", "estimate", "reliability", "screening", "lengths")
+STAGES = ("design", "learn", "orders", "estimate", "reliability", "screening")
 """The default stages of a run. `orders`: error of the reduced-order model against its order. `reliability`: prediction
 over the entire record. `screening`: test whether an effect is missing from the model. Further stages: `check` (the
-record), `places` (further sensors), `campaign` (the estimate from all windows) and `diagnose` (many times slower than
-all default stages together; it does the screening too)."""
+record), `lengths` (windows of other lengths), `places` (further sensors), `campaign` (the estimate from all windows)
+and `diagnose` (many times slower than all default stages together; it does the screening too)."""
 
 
 @dataclass(frozen=True)
@@ -88,15 +88,6 @@ class Run:
     check: RecordCheck | None = None
     seconds: dict[str, float] = field(default_factory=dict)
 
-    @contextmanager
-    def timed(self, stage: str):
-        """Add the wall-clock time of a block to a stage."""
-        start = clock.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + clock.perf_counter() - start
-
     @property
     def unreliable_reason(self) -> str:
         """Why the result is unreliable; empty if it is reliable, or if the stages give no result."""
@@ -126,6 +117,10 @@ class Run:
         return "\n\n".join(texts)
 
 
+Finished = Callable[[Run, str], None]
+"""Called at the end of each stage with the results so far and the name of the stage."""
+
+
 def run(
     case: Case,
     *,
@@ -137,6 +132,7 @@ def run(
     draws: int = 0,
     design_options: DesignOptions = DesignOptions(),
     progress: Progress = lambda stage, share: None,
+    finished: Finished = lambda run, stage: None,
 ) -> Run:
     """Run stages of the method on a case, in the order of the method.
 
@@ -150,6 +146,7 @@ def run(
         draws: number of simulated records in the bootstrap of the interval; 0 for no bootstrap.
         design_options: of the experiment design.
         progress: called at the beginning of each step.
+        finished: called at the end of each stage.
 
     Raises:
         InputError: the case or an option does not permit a stage.
@@ -157,26 +154,22 @@ def run(
     result = Run(case)
     _check_orders(case, orders)
     check_draws(draws, weights)
-    begin = _StageProgress(stages, len(orders), progress)
+    begin = _StageProgress(result, stages, len(orders), progress, finished)
     if "check" in stages:
-        begin("check", "check: the record")
-        with result.timed("check"):
+        with begin("check", "check: the record"):
             result.check = check(case)
     if "campaign" in stages:
-        begin("campaign", "estimate: all windows")
-        with result.timed("campaign"):
+        with begin("campaign", "estimate: all windows"):
             result.campaign = campaign(
                 case, progress=lambda k, of: begin.within(f"estimate: window {k + 1} of {of}", k / of)
             )
     if set(stages) - {"diagnose", "check", "campaign", "screening"}:
         _run_window_stages(result, stages, window, orders, weights, integrator, draws, begin, design_options)
     if "screening" in stages and "diagnose" not in stages and _can_be_screened(result):
-        begin("screening", "test: is an effect missing from the model?")
-        with result.timed("screening"):
+        with begin("screening", "test: is an effect missing from the model?"):
             result.screening = screen(case)
     if "diagnose" in stages:
-        begin("diagnose", "diagnose: effects missing from the model")
-        with result.timed("diagnose"):
+        with begin("diagnose", "diagnose: effects missing from the model"):
             result.diagnosis = diagnose(case, progress=begin.within)
     progress("done", 1.0)
     return result
@@ -192,10 +185,10 @@ def _can_be_screened(result: Run) -> bool:
 
 
 class _StageProgress:
-    """Converts progress within a stage to progress of the run, by the usual duration of each stage."""
+    """Times stages, and converts progress within a stage to progress of the run by the usual duration of each."""
 
-    def __init__(self, stages: Sequence[str], orders: int, progress: Progress):
-        work = {
+    def __init__(self, run: Run, stages: Sequence[str], orders: int, progress: Progress, finished: Finished):
+        self.durations = {
             "check": 1.0,
             "design": 2.0,
             "lengths": 4.0,
@@ -208,14 +201,19 @@ class _StageProgress:
             "screening": 8.0,
             "diagnose": 60.0,
         }
-        self.work = {stage: work[stage] for stage in stages}
-        self.progress = progress
+        self.work = {stage: self.durations[stage] for stage in stages}
+        self.run, self.progress, self.finished = run, progress, finished
         self.before = self.after = 0.0
 
-    def __call__(self, stage: str, text: str) -> None:
-        """Report the beginning of a stage."""
+    @contextmanager
+    def __call__(self, stage: str, text: str) -> Iterator[None]:
+        """Report the beginning of a stage, time it, and report its end."""
         self.before, self.after = self.after, self.after + self.work.get(stage, 0.0)
         self.within(text, 0.0)
+        start = clock.perf_counter()
+        yield
+        self.run.seconds[stage] = clock.perf_counter() - start
+        self.finished(self.run, stage)
 
     def within(self, text: str, share: float) -> None:
         """Report the beginning of a step within the stage, after this share of the stage."""
@@ -240,8 +238,7 @@ def _run_window_stages(
         _run_flux_stages(result, stages, window, weights, integrator, draws, begin, design_options)
         return
     if "design" in stages:
-        begin("design", "design: the most informative days")
-        with result.timed("design"):
+        with begin("design", "design: the most informative days"):
             result.design = design(case, integrator=integrator, **design_options.options)
         if not result.design.informative and window is None:
             return
@@ -249,32 +246,27 @@ def _run_window_stages(
         window = (result.design or design(case, integrator=integrator, **design_options.options)).best
     model: StateSpace
     if "learn" in stages and case.choices.model == "mim" and not case.choices.free:
-        begin("learn", "learn: the reduced-order model")
-        with result.timed("learn"):
+        with begin("learn", "learn: the reduced-order model"):
             # with order "auto", the figure shows every order that is tried
             result.learned = learn(case, window, integrator=integrator, on_try=result.orders.append)
         if orders or ("orders" in stages and not result.orders):
-            begin("orders", "learn: error against order")
-            with result.timed("orders"):
+            with begin("orders", "learn: error against order"):
                 result.orders = _models_by_order(case, window, result.learned, orders, integrator)
         model = result.learned.system
     else:
         model = full_order_model(case)
     if "estimate" in stages:
         bootstrap = f", then a bootstrap with {draws} records" if draws else ""
-        begin("estimate", f"estimate: Gauss-Newton{bootstrap}")
-        with result.timed("estimate"):
+        with begin("estimate", f"estimate: Gauss-Newton{bootstrap}"):
             result.fit = estimate(case, window, model, weights=weights, integrator=integrator, draws=draws)
     # the prediction uses the plain wall, which is not the fitted model where further parameters were estimated
     if "reliability" in stages and result.fit is not None and not case.choices.free:
-        begin("reliability", "reliability: prediction over the entire record")
-        with result.timed("reliability"):
+        with begin("reliability", "reliability: prediction over the entire record"):
             result.prediction = predict(case, result.fit, model)
     if "lengths" in stages:
         _compare_lengths(result, begin, design_options, model)
     if "places" in stages and design_options.further_sensors:
-        begin("places", "design: further sensors and sampling steps")
-        with result.timed("places"):
+        with begin("places", "design: further sensors and sampling steps"):
             options = {name: value for name, value in design_options.options.items() if name != "full"}
             result.sensor_placement = place_sensors(case, window, count=design_options.further_sensors, **options)
             result.sampling = compare_sampling_steps(case, window)
@@ -302,8 +294,7 @@ def _compare_lengths(
     case, days = result.case, days_within(result.case)
     if len(days) < 2:
         return
-    begin("lengths", "design: window lengths")
-    with result.timed("lengths"):
+    with begin("lengths", "design: window lengths"):
         cost = None if model is None or fluxes_of(case) else partial(seconds_of_estimate, case, model=model)
         result.lengths = compare_lengths(case, days, cost, **design_options.options)
 
@@ -321,14 +312,12 @@ def _run_flux_stages(
     """Run the stages for a case without a sensor inside the wall: a design, or an estimate from the heat fluxes."""
     case = result.case
     if "estimate" not in stages:
-        begin("design", "design: the most informative days")
-        with result.timed("design"):
+        with begin("design", "design: the most informative days"):
             result.design = design(case, integrator=integrator, **design_options.options)
         if result.design.informative and "lengths" in stages:
             _compare_lengths(result, begin, design_options, None)
         return
-    begin("estimate", "estimate: conductivity and heat capacity from the fluxes")
-    with result.timed("estimate"):
+    with begin("estimate", "estimate: conductivity and heat capacity from the fluxes"):
         result.fit = estimate(case, window, weights=weights, integrator=integrator, draws=draws)
 
 

@@ -1,4 +1,5 @@
 import json
+import re
 from dataclasses import replace
 
 import jsonschema
@@ -54,14 +55,21 @@ def test_the_summary_is_for_people(command):
     verdict = next(line for line in ended.stdout.splitlines() if line.startswith("verdict"))
     assert "NOT TO BE RELIED ON" in verdict and "solar gain of the right face" in verdict
     assert "next         wallid diagnose saint_julien: name" in ended.stdout
+    assert [line.split()[0] for line in ended.stderr.splitlines() if not line.startswith("  ")] == [
+        *("record", "design", "learn", "estimate", "screening", "report")
+    ]
+    assert all(re.search(r"\(\d+\.\d s\)$", line) for line in ended.stderr.splitlines() if not line.startswith("  "))
+    assert "an effect is missing" in ended.stderr and "\x1b" not in ended.stderr
     sound = command("estimate", "validation")
     assert sound.exit_code == 0 and "verdict" not in sound.stdout
     assert "next         wallid diagnose validation: search" in sound.stdout
-    assert command("estimate", "saint_julien", "--quiet").stdout == ""
+    assert command("estimate", "saint_julien", "--quiet").output == ""
 
 
 def test_validation_case_finds_its_truth(command, tmp_path):
-    result = json.loads(command("run", "validation", "--json", "--orders", "2,3").stdout)
+    ended = command("run", "validation", "--json", "--orders", "2,3")
+    assert ended.stderr == ""
+    result = json.loads(ended.stdout)
     assert [one["order"] for one in result["orders"]] == [2, 3]
     jsonschema.validate(result, SCHEMA)
     low, high = result["diffusivity"]["interval_95"]
@@ -80,8 +88,21 @@ def test_a_case_of_ones_own(command, tmp_path):
     assert ended.exit_code == 0
     result = json.loads(ended.stdout)
     jsonschema.validate(result, SCHEMA)
+    assert "lengths" not in result and "lengths" not in result["seconds"]
+    page = check((tmp_path / "out" / "report.html").read_text("utf-8"))
+    assert "design criterion" in page.text and "window length" not in page.text
     assert result["reliability"]["loads"] is None
     assert not (tmp_path / "out" / "loads.png").exists()
+
+
+def test_other_window_lengths_on_request(command, tmp_path):
+    ended = command("run", write_own(tmp_path), "--lengths")
+    assert ended.exit_code == 0 and "lengths      1 to 5 days" in ended.stderr
+    result = json.loads((tmp_path / "out" / "result.json").read_text("utf-8"))
+    jsonschema.validate(result, SCHEMA)
+    assert result["lengths"]["days"] == [1.0, 2.0, 3.0, 5.0] and "lengths" in result["seconds"]
+    page = check((tmp_path / "out" / "report.html").read_text("utf-8"))
+    assert "Bottom: the criterion by window length" in page.text
 
 
 def test_a_record_without_signal_ends_with_status_1(command, tmp_path):
@@ -215,8 +236,8 @@ def test_a_diagnosis_needs_an_inner_sensor(command, tmp_path):
     path = write_own(tmp_path)
     path.write_text(path.read_text().split("[[sensor]]")[0].replace("[record]", '[record]\nflux_left = "in"'))
     ended = command("diagnose", path)
-    assert ended.exit_code == 2 and "[[sensor]]" in ended.stderr and ended.stderr.count("\n") == 1
-    assert not (tmp_path / "out").exists()
+    assert ended.exit_code == 2 and "[[sensor]]" in ended.stderr and ended.stderr.count("wallid: ") == 1
+    assert ended.stderr.splitlines()[-1].startswith("wallid: ") and not (tmp_path / "out").exists()
 
 
 def test_version():

@@ -63,7 +63,7 @@ def test_demo_names_the_sun_and_ends_within_15_thousandths(demo):
     # of the run's window, not of the diagnosis
     assert result["iterations"] <= 10 and result["window"]["criterion"] == 1.0
     assert result["gap"]["held_out_after_K"] < result["gap"]["held_out_before_K"]
-    assert set(result["seconds"]) == {"design", "learn", "orders", "estimate", "reliability", "lengths", "diagnose"}
+    assert set(result["seconds"]) == {"design", "learn", "orders", "estimate", "reliability", "diagnose"}
 
 
 def test_demo_writes_figures_model_and_result(demo):

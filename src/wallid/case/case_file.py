@@ -39,8 +39,26 @@ def load(path_or_name: str | os.PathLike[str]) -> Case:
     """
     path = _find(path_or_name)
     with error_context(str(path)):
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            raise InputError(f"cannot be read: {error.strerror or error}") from error
+    return case_of(content, path)
+
+
+def case_of(content: bytes, path: Path) -> Case:
+    """The case that a TOML file with this content would be.
+
+    Args:
+        content: of the file, UTF-8.
+        path: of the file, which need not exist; the record's file is relative to its folder.
+
+    Raises:
+        InputError: as from `load`.
+    """
+    with error_context(str(path)):
         optional = ("sensor", "choices", "learning", "case", "description")
-        document = checked_table(_parse(path), ("wall", "record"), optional)
+        document = checked_table(_parse(content), ("wall", "record"), optional)
         name, description = _name_and_description(document, path)
         wall = parse_wall(document["wall"])
         sensors = parse_sensors(document.get("sensor", []))
@@ -77,11 +95,9 @@ def _find(path_or_name: str | os.PathLike[str]) -> Path:
     return _EXAMPLES / name / "case.toml"
 
 
-def _parse(path: Path) -> dict[str, Any]:
+def _parse(content: bytes) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}") from error
+        return tomllib.loads(content.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
         raise InputError("not UTF-8; the file must be saved as UTF-8") from error
     except tomllib.TOMLDecodeError as error:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from .._internal.errors import InputError
+from .._internal.interrupts import signals_held, written
 from .._internal.units import DAY
 from .._internal.validation import spelling_hint
 from ..records.column_detection import DetectedColumns, detect_columns
@@ -16,7 +17,7 @@ from ..records.file_format import FileFormat
 from ..records.table_columns import MIN_ROWS
 from ..records.uniform_record import Record, read_record
 from .case_definition import Case
-from .case_file import load
+from .case_file import case_of
 from .toml_writer import Answers, write_toml
 from .wizard_corrections import ask_again
 from .wizard_dialogue import (
@@ -81,7 +82,7 @@ def new_case(
     while True:
         try:
             text = _valid_text(record, record_path, answers, detected)
-            case = _loaded(target, text)
+            case = case_of(text.encode(), target)
         except InputError as error:
             fault = str(error)
         else:
@@ -116,35 +117,17 @@ def _valid_text(record: Path, record_path: str, answers: Answers, detected: Dete
     return write_toml(record_path, answers, units, _window_days(_read(record, answers, units)))
 
 
-def _draft(target: Path) -> Path:
-    return target.with_name(f".wallid-{os.getpid()}-{target.name}")
-
-
-def _loaded(target: Path, text: str) -> Case:
-    """The case that the text is, loaded from a temporary file beside the target."""
-    draft = _draft(target)
-    try:
-        draft.write_text(text, encoding="utf-8")
-        case = load(draft)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written ({error.strerror or error})") from error
-    except InputError as error:
-        raise InputError(str(error).replace(str(draft), str(target))) from error
-    finally:
-        draft.unlink(missing_ok=True)
-    name = target.resolve().parent.name if target.name == "case.toml" else target.stem
-    return replace(case, name=name or case.name, path=target)
-
-
 def _write(target: Path, text: str) -> None:
     """Write the text by way of a temporary file, so that an existing file is replaced as a whole."""
-    draft = _draft(target)
-    try:
-        draft.write_text(text, encoding="utf-8")
-        os.replace(draft, target)
-    except OSError as error:
-        draft.unlink(missing_ok=True)
-        raise InputError(f"{target}: cannot be written ({error.strerror or error})") from error
+    draft = target.with_name(f".wallid-{os.getpid()}-{target.name}")
+    with signals_held():
+        try:
+            draft.write_text(text, encoding="utf-8")
+            os.replace(draft, target)
+        except OSError as error:
+            draft.unlink(missing_ok=True)
+            raise InputError(f"{target}: cannot be written ({error.strerror or error})") from error
+        written(f"{target} was written")
 
 
 def _read(path: Path, answers: Answers, units: dict[str, str]) -> Record:

@@ -11,12 +11,27 @@ import typer
 
 from .. import workflow
 from .._internal.errors import InputError
+from .._internal.interrupts import print_before_line
 from ..case.toml_writer import DEFAULT_NOISE_STD, DEFAULT_PRIOR, Answers
 from ..case.wizard import new_case, parse_sensor
 from ..case.wizard_dialogue import parse_length
 from ..records.file_format import FileFormat
 from .execution import exit_with_error, run_command
-from .options import DEFAULT_OUT, CaseArgument, Draws, Formats, Integrator, Json, Model, Orders, Out, Quiet, Weights
+from .options import (
+    DEFAULT_OUT,
+    CaseArgument,
+    Draws,
+    Formats,
+    Integrator,
+    Json,
+    Lengths,
+    Model,
+    Orders,
+    Out,
+    Quiet,
+    Weights,
+)
+from .output import print_output
 
 T = TypeVar("T")
 
@@ -35,12 +50,12 @@ def main(version: Annotated[bool, typer.Option("--version", help="Print the vers
     An optimal experiment design selects the most informative days. A reduced-order model is learned for them.
     Gauss-Newton gives the diffusivity with its interval. The prediction is compared with the entire record.
     `diagnose` searches for physical effects that are missing from the model.
-    Exit status 0: result. 1: result, but unreliable. 2: invalid input.
+    Exit status 0: result. 1: result, but unreliable. 2: invalid input. 130: interrupted.
     """
     if version:
         from importlib.metadata import version as installed
 
-        print(installed("wallid"))
+        print_output(installed("wallid"))
         raise typer.Exit
 
 
@@ -50,6 +65,7 @@ def demo(
     weights: Weights = "noise",
     integrator: Integrator = "propagator",
     orders: Orders = "",
+    lengths: Lengths = False,
     out: Out = DEFAULT_OUT,
     json: Json = False,
     quiet: Quiet = False,
@@ -60,7 +76,7 @@ def demo(
     The last step is the diagnosis of the entire record: the effect that is missing from the plain model, and the
     diffusivity of the model with this effect.
     """
-    stages = (*workflow.STAGES, "diagnose")
+    stages = (*_stages(lengths), "diagnose")
     options: dict[str, Any] = {"weights": weights, "integrator": integrator}
     run_command("saint_julien", model, stages, out, json, quiet, formats, orders=orders, **options)
 
@@ -72,6 +88,7 @@ def run(
     weights: Weights = "noise",
     integrator: Integrator = "propagator",
     orders: Orders = "",
+    lengths: Lengths = False,
     bootstrap: Draws = 0,
     out: Out = DEFAULT_OUT,
     json: Json = False,
@@ -83,7 +100,11 @@ def run(
     This command does not search for missing effects (the verdict is null): see `wallid diagnose`.
     """
     options = {"weights": weights, "integrator": integrator, "draws": bootstrap}
-    run_command(case, model, workflow.STAGES, out, json, quiet, formats, orders=orders, **options)
+    run_command(case, model, _stages(lengths), out, json, quiet, formats, orders=orders, **options)
+
+
+def _stages(lengths: bool) -> tuple[str, ...]:
+    return (*workflow.STAGES, "lengths") if lengths else workflow.STAGES
 
 
 @app.command()
@@ -164,8 +185,8 @@ def new(
     except InputError as error:
         exit_with_error(error)
     if not quiet:
-        print(case)
-        print(f"\nwrote        {case.path}; now `wallid check {case.path}`, then `wallid run {case.path}`")
+        wrote = f"wrote        {case.path}; now `wallid check {case.path}`, then `wallid run {case.path}`"
+        print_output(f"{case}\n\n{wrote}")
 
 
 def _is_terminal() -> bool:
@@ -181,10 +202,13 @@ def _ask(question: str, default: str | None, parse: Callable[[str], T]) -> T:
         except InputError as error:
             raise typer.BadParameter(str(error)) from error
 
+    print_before_line("\n")  # at Ctrl-C the question is still on the line
     try:
         return typer.prompt(question, default=default, show_default=bool(default), err=True, value_proc=value_of)
-    except typer.Abort:
+    except typer.Abort:  # the end of the input
         raise InputError("stopped; nothing was written") from None
+    finally:
+        print_before_line("")
 
 
 @app.command()
@@ -301,8 +325,3 @@ def diagnose(
     It takes about a minute; `[choices] diagnose_days` shortens the record.
     """
     run_command(case, None, ("diagnose",), out, json, quiet, formats)
-
-
-def command() -> None:
-    """Entry point of the program `wallid`, also as `python -m wallid`."""
-    app(prog_name="wallid")  # the name for which a shell completes, however the program was started

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from contextlib import contextmanager
+import time as clock
 from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
@@ -20,6 +20,9 @@ from .._internal.xla_options import prepare_xla
 from ..case.case_definition import Case
 from ..case.case_file import load
 from ..case.time_window import Window, check_unbroken, window_rows
+from .output import print_message, print_output
+from .progress import progress_display
+from .stage_lines import key_result, stage_line
 
 
 def run_command(
@@ -38,7 +41,8 @@ def run_command(
 ) -> None:
     """Load a case, run the stages, write the files and print a summary.
 
-    Only the summary or the JSON goes to standard output; all other messages go to standard error.
+    Only the summary or the JSON goes to standard output. The lines of the stages and all other messages go to standard
+    error.
 
     Args:
         name: of the case, as the user stated it.
@@ -52,26 +56,32 @@ def run_command(
 
     try:
         figure_formats = report.parse_formats(formats)
-        with _progress_bar(quiet or json) as progress:
-            progress("reading the case", 0.0)
+        with progress_display(quiet or json) as display:
+            display.step("reading the case", 0.0)
+            start = clock.perf_counter()
             _configure_process()
             case = _with_options(load(name), model, free)
             report.check_output_folder(out)
+            record = f"{case.record.rows} rows, one every {case.record.step:g} s"
+            display.line(stage_line("record", record, clock.perf_counter() - start))
             window = None if from_row is None else _window(case, from_row)
             result = workflow.run(
                 case,
                 stages=stages,
                 window=window,
                 orders=_parse_orders(orders),
-                progress=lambda stage, share: progress(stage, 0.05 + 0.8 * share),
+                progress=lambda text, share: display.step(text, 0.05 + 0.8 * share),
+                finished=lambda run, stage: display.line(stage_line(stage, key_result(run, stage), run.seconds[stage])),
                 **run_options,  # pyright: ignore[reportArgumentType] (typer has checked the values)
             )
-            progress("figures", 0.9)
+            display.step("figures", 0.9)
+            start = clock.perf_counter()
             written = report.write_report(result, out, shlex.join(["wallid", *sys.argv[1:]]), formats=figure_formats)
+            display.line(stage_line("report", f"{len(written)} files", clock.perf_counter() - start))
     except InputError as error:
         exit_with_error(error)
     if json:
-        print((out / "result.json").read_text("utf-8"), end="")
+        print_output((out / "result.json").read_text("utf-8"), end="")
     elif not quiet:
         _print_summary(result, name, written)
     if result.unreliable_reason:
@@ -80,20 +90,21 @@ def run_command(
 
 def _print_summary(result: workflow.Run, name: str, written: list[Path]) -> None:
     """Print the results, the names of the written files, and the command to run next."""
-    print(result)
-    print(f"\nwrote        {', '.join(path.name for path in written)} to {written[0].parent}")
+    lines = [str(result), f"\nwrote        {', '.join(path.name for path in written)} to {written[0].parent}"]
     if previous := [path.name for path in written if path.name.startswith("report-")]:
-        print(f"kept         the report of an earlier command in this folder, as {previous[0]}")
+        lines.append(f"kept         the report of an earlier command in this folder, as {previous[0]}")
     missing = result.screening is not None and bool(result.screening.missing)
+    advice = f"next         wallid diagnose {shlex.quote(name)}:"
     if missing or "wallid diagnose" in result.unreliable_reason:
-        print(f"next         wallid diagnose {shlex.quote(name)}: name the missing effect, and correct the diffusivity")
+        lines.append(f"{advice} name the missing effect, and correct the diffusivity")
     elif result.fit is not None and result.diagnosis is None and result.case.sensors and not result.unreliable_reason:
-        print(f"next         wallid diagnose {shlex.quote(name)}: search for effects that are missing from the model")
+        lines.append(f"{advice} search for effects that are missing from the model")
+    print_output("\n".join(lines))
 
 
 def exit_with_error(error: InputError) -> NoReturn:
     """Print the message on standard error and exit with status 2."""
-    print(f"wallid: {error}", file=sys.stderr)
+    print_message(f"wallid: {error}")
     raise typer.Exit(2) from None
 
 
@@ -130,21 +141,3 @@ def _parse_orders(text: str) -> tuple[int, ...]:
         return tuple(int(part) for part in text.split(",") if part.strip())
     except ValueError:
         raise InputError(f'--orders {text!r}; it must be integers separated by commas, such as "2,5,10"') from None
-
-
-@contextmanager
-def _progress_bar(silent: bool):
-    """A progress bar on standard error; its function takes (stage, completed share of the work)."""
-    if silent:
-        yield lambda stage, share: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description:<45}"), BarColumn(), TimeElapsedColumn())
-    console = Console(stderr=True)
-    # no bar where standard error is a file or a pipe
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=1.0)
-
-        yield lambda stage, share: bar.update(task, description=stage, completed=share)

@@ -36,6 +36,9 @@ Orders = Annotated[
         "--orders", metavar="LIST", help='Orders for the figure of the error against the order, such as "2,4,8,16".'
     ),
 ]
+Lengths = Annotated[
+    bool, typer.Option("--lengths", help="Compare windows of other lengths too: criterion and computing time.")
+]
 Draws = Annotated[
     int,
     typer.Option(

@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from contextlib import nullcontext
+from io import BufferedIOBase
 from pathlib import Path
 from typing import Any
 
@@ -175,13 +177,17 @@ class StateSpace(eqx.Module):
             output_names=tuple(self.output_names[row] for row in outputs) if self.output_names else (),
         )
 
-    def save(self, path: str | Path) -> None:
-        """Write the model to one file in NumPy's npz format, which NumPy alone can read."""
+    def save(self, path: str | Path | BufferedIOBase) -> None:
+        """Write the model in NumPy's npz format, which NumPy alone can read.
+
+        Args:
+            path: of the file, or a file that is open for writing bytes.
+        """
         arrays: dict[str, Any] = {
             name: np.asarray(value) for name in _ARRAYS if (value := getattr(self, name)) is not None
         }
         header = {"format": _FILE_FORMAT, "output_names": self.output_names, "driven": self.driven}
-        with Path(path).open("wb") as file:
+        with Path(path).open("wb") if isinstance(path, str | Path) else nullcontext(path) as file:
             np.savez(file, header=np.array(json.dumps(header)), **arrays)
 
     @staticmethod

@@ -193,13 +193,21 @@ def _fixed(text: str) -> Text:
     return lambda run: text
 
 
+def _design_caption(run: Run) -> str:
+    text = (
+        "Sensitivity of the readings to the diffusivity, ∂T/∂(ln α), and the design criterion for a window from each "
+        "start day: a scalar measure of the Fisher information, divided by its value for the best window."
+    )
+    if run.lengths is None:
+        return text
+    return f"{text} Bottom: the criterion by window length, divided by its value for the longest window."
+
+
 _CAPTIONS: dict[str, tuple[str | Text, Text]] = {
     "wall": (wall_caption, wall_text),
     "record": (record_caption, record_text),
     "design": (
-        "Sensitivity of the readings to the diffusivity, ∂T/∂(ln α), and the design criterion for a window from each "
-        "start day: a scalar measure of the Fisher information, divided by its value for the best window. Bottom, "
-        "where present: the criterion by window length, divided by its value for the longest window.",
+        _design_caption,
         _for_stage("design", _design),
     ),
     "places": (

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from .._internal.errors import InputError
+from .._internal.interrupts import give_up_if_interrupted, signals_held, written
 from ..workflow import Run
 from .result_json import result_entries
 
@@ -62,18 +64,23 @@ def write_report(run: Run, out: str | Path, command: str = "", formats: Sequence
         InputError: the folder cannot be created or written.
     """
     out, own_name = Path(out), _command_name(command)
-    with _work_folder(out) as folder:
-        names = _write_all(run, folder, command, formats)
-        others = _files_of_others(out, own_name)
-        names += _keep_other_report(out, folder, own_name)
-        for name in _replaced(out, folder, names, others):
-            os.replace(out / name, out / _renamed(name, _earlier_command(out)))
-        stale = _own_files(out, own_name) - set(names) - others
-        for name in names:
-            os.replace(folder / name, out / name)
-    for name in stale:
-        (out / name).unlink(missing_ok=True)
-    return [out / name for name in names]
+    with _errors_name_the_folder(out):
+        files = _contents(run, command, formats)
+        with signals_held(), _work_folder(out) as folder:
+            others = _files_of_others(out, own_name)
+            files |= _other_reports(out, files, own_name)
+            for name, content in files.items():
+                (folder / name).write_bytes(content)
+            give_up_if_interrupted()
+            for name in _replaced(out, files, others):
+                os.replace(out / name, out / _renamed(name, _earlier_command(out)))
+            stale = _own_files(out, own_name) - set(files) - others
+            for name in files:
+                os.replace(folder / name, out / name)
+            for name in stale:
+                (out / name).unlink(missing_ok=True)
+            written(f"all files were written to {out}")
+    return [out / name for name in files]
 
 
 def _files_in(result: Path) -> set[str]:
@@ -101,12 +108,12 @@ def _files_of_others(out: Path, name: str) -> set[str]:
     return set().union(*(_files_in(out / result) for result in (*kept, *earlier))) - {"result.json", "report.html"}
 
 
-def _replaced(out: Path, folder: Path, names: Sequence[str], others: set[str]) -> list[str]:
+def _replaced(out: Path, files: dict[str, bytes], others: set[str]) -> list[str]:
     """Figures and models of another command that would be replaced by others with the same names."""
     if _earlier_command(out) == "":
         return []
-    both = [name for name in names if name in others and (out / name).exists()]
-    return [name for name in both if (out / name).read_bytes() != (folder / name).read_bytes()]
+    both = [name for name in files if name in others and (out / name).exists()]
+    return [name for name in both if (out / name).read_bytes() != files[name]]
 
 
 def _renamed(name: str, command: str) -> str:
@@ -126,26 +133,23 @@ def _kept_names(name: str) -> tuple[str, str]:
     return f"report-{name}.html", f"result-{name}.json"
 
 
-def _keep_other_report(out: Path, folder: Path, name: str) -> list[str]:
-    """Copy the report of another command from `out` under its own name, link the pages, and return the file names."""
+def _other_reports(out: Path, files: dict[str, bytes], name: str) -> dict[str, bytes]:
+    """The report of another command in `out` under its own name, and the page of this one with links to all others."""
     from .page import with_links
 
     earlier = _earlier_command(out)
-    names: list[str] = []
+    kept: dict[str, bytes] = {}
     if earlier not in ("", name) and name:
-        names += _kept_names(earlier)
-        (folder / names[1]).write_text((out / "result.json").read_text("utf-8"), encoding="utf-8")
+        page, numbers = _kept_names(earlier)
         text = with_links((out / "report.html").read_text("utf-8"), {"report.html": f"Made later by wallid {name}"})
-        (folder / names[0]).write_text(text, encoding="utf-8")
-    kept = [
+        kept = {page: text.encode(), numbers: (out / "result.json").read_bytes()}
+    others = [
         other
         for other in sorted(COMMANDS, key=lambda other: other != earlier)
-        if other != name and (_kept_names(other)[0] in names or (out / _kept_names(other)[0]).exists())
+        if other != name and (_kept_names(other)[0] in kept or (out / _kept_names(other)[0]).exists())
     ]
-    page = folder / "report.html"
-    links = {_kept_names(other)[0]: f"Made earlier by wallid {other}" for other in kept}
-    page.write_text(with_links(page.read_text("utf-8"), links), encoding="utf-8")
-    return names
+    links = {_kept_names(other)[0]: f"Made earlier by wallid {other}" for other in others}
+    return kept | {"report.html": with_links(files["report.html"].decode(), links).encode()}
 
 
 def _earlier_command(out: Path) -> str:
@@ -172,40 +176,60 @@ def check_output_folder(out: str | Path) -> None:
         InputError: the folder cannot be created or written.
     """
     out = Path(out)
-    missing = [folder for folder in (out, *out.parents) if not folder.exists()]
-    with _work_folder(out):
-        pass
-    for folder in missing:
-        folder.rmdir()
+    with _errors_name_the_folder(out), signals_held():
+        missing = _missing_folders(out)
+        with _work_folder(out):
+            pass
+        for folder in missing:
+            folder.rmdir()
+
+
+def _missing_folders(out: Path) -> list[Path]:
+    """The folder and its parents that do not exist, the deepest first."""
+    return [folder for folder in (out, *out.parents) if not folder.exists()]
 
 
 @contextmanager
 def _work_folder(out: Path) -> Iterator[Path]:
-    """A temporary folder inside `out`, so that moving a file to `out` is one operation of the file system."""
+    """A temporary folder inside `out`, so that moving a file to `out` is one operation of the file system.
+
+    `out` is created; where the block fails, what was created is removed.
+    """
+    missing = _missing_folders(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=out, prefix=".wallid-") as folder:
             yield Path(folder)
+    except BaseException:
+        for created in missing:
+            with suppress(OSError):  # it was not created, or somebody else has written into it
+                created.rmdir()
+        raise
+
+
+@contextmanager
+def _errors_name_the_folder(out: Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         raise InputError(f"--out {out}: cannot write there ({error.strerror or error})") from error
 
 
-def _write_all(run: Run, folder: Path, command: str, formats: Sequence[str]) -> list[str]:
-    """Write all files into a folder; their names, `result.json` last."""
+def _contents(run: Run, command: str, formats: Sequence[str]) -> dict[str, bytes]:
+    """The contents of all files by name, `result.json` last. Nothing is on the disk before all of them are ready."""
     from .figures import diagnosis_figures, stage_figures
     from .page import render_page
     from .svg import draw_figure
 
     figures = [*stage_figures(run), *(diagnosis_figures(run.diagnosis) if run.diagnosis is not None else ())]
-    names, drawn_figures = [], [draw_figure(stem, figure, formats) for stem, figure in figures]
-    for drawn in drawn_figures:
-        for kind, content in drawn.files.items():
-            names.append(f"{drawn.stem}.{kind}")
-            (folder / names[-1]).write_bytes(content)
-    names += ["report.html", *(("model.npz",) if run.learned is not None else ()), "result.json"]
-    entries = result_entries(run) | ({"command": command} if command else {}) | {"files": list(names)}
-    (folder / "report.html").write_text(render_page(run, entries, drawn_figures, command), encoding="utf-8")
+    drawn_figures = [draw_figure(stem, figure, formats) for stem, figure in figures]
+    files = {f"{drawn.stem}.{kind}": content for drawn in drawn_figures for kind, content in drawn.files.items()}
+    names = [*files, "report.html", *(("model.npz",) if run.learned is not None else ()), "result.json"]
+    entries = result_entries(run) | ({"command": command} if command else {}) | {"files": names}
+    files["report.html"] = render_page(run, entries, drawn_figures, command).encode()
     if run.learned is not None:
-        run.learned.system.save(folder / "model.npz")
-    (folder / "result.json").write_text(_as_json(entries) + "\n", encoding="utf-8")
-    return names
+        model = io.BytesIO()
+        run.learned.system.save(model)
+        files["model.npz"] = model.getvalue()
+    files["result.json"] = (_as_json(entries) + "\n").encode()
+    return files
