@@ -4,6 +4,8 @@
 - `clear`: records with one hidden effect whose squared signal-to-noise is 400 or more.
 - `nulls`: records with nothing hidden.
 - `contrast`: a wall whose second half conducts 30 % less.
+- `shared`: two weeks of hours with 0.03 K of noise that all channels have in common and 0.006 K of their own, by `run`
+  and by `diagnose`: nothing is missing.
 
 Walls, weather and effects are those of the discrepancy benchmark (a simulator that shares nothing with wallid). A word
 is a reason in the run's verdict, which is status 1, or an advice; where the diffusivity is wrong by more than its
@@ -14,6 +16,7 @@ long run goes on where it ended.
 import argparse
 import json
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -120,6 +123,28 @@ def outcome(spec: Spec, change: Callable = lambda case: case) -> dict:
     }  # fmt: skip
 
 
+def shared(number: int) -> dict:
+    """What a run and a diagnosis say of a record whose noise is common to all channels."""
+    import wallid
+
+    spec = replace(BASE, weather_seed=SEED + number, noise_seed=SEED + number, position_std=0.001)
+    quiet = replace(spec, noise_std=0.006, boundary_noise_std=0.006, rounding=0.0)
+
+    def with_common(case):
+        common = 0.03 * np.random.RandomState([SEED, number, 4]).standard_normal((case.record.rows, 1))
+        faces, sensors = case.record.faces + common, case.record.sensors + common
+        noise = float(np.hypot(0.03, 0.006))
+        stated = tuple(replace(sensor, noise_std=noise) for sensor in case.sensors)
+        return replace(_with(case, faces=faces, sensors=sensors, boundary_noise_std=noise), sensors=stated)
+
+    line = outcome(quiet, with_common)
+    with tempfile.TemporaryDirectory() as folder:
+        write_case(quiet, folder)
+        found = wallid.diagnose(with_common(wallid.load(folder)))
+    low, high = found.to_dict()["diffusivity"]["interval_95"]
+    return line | {"verdict": found.verdict, "diagnosed_low": low, "diagnosed_high": high}
+
+
 def jobs(families: list[str], counts: dict[str, int]) -> Iterator[tuple[str, Callable[[], dict]]]:
     """A key and the work of each record."""
     if "eight" in families:
@@ -128,6 +153,9 @@ def jobs(families: list[str], counts: dict[str, int]) -> Iterator[tuple[str, Cal
     if "contrast" in families:
         for k in range(counts["contrast"]):
             yield f"contrast/{k}", lambda k=k: outcome(contrast(k))
+    if "shared" in families:
+        for k in range(counts["shared"]):
+            yield f"shared/{k}", lambda k=k: shared(k)
     if "nulls" in families:
         for k in range(counts["nulls"]):
             noise = NOISES[k % len(NOISES)]
@@ -145,13 +173,17 @@ def table(lines: list[dict]) -> Iterator[str]:
             yield f"{line['key'][6:]}: {'status 1' if line['word'] else 'status 0'}, {said[:160]}"
     yield "| records | count | a word, status 1 | interval holds the truth | sure and wrong |"
     yield "|---|---|---|---|---|"
-    for family in ("contrast", "clear", "nulls"):
+    for family in ("contrast", "clear", "nulls", "shared"):
         own = [line for line in lines if line["key"].startswith(f"{family}/")]
         if own:
             inside = [line["low"] <= line["truth"] <= line["high"] for line in own]
             words = [bool(line["word"]) for line in own]
             sure = sum(not word and not held for word, held in zip(words, inside, strict=True))
             yield f"| {family} | {len(own)} | {sum(words)} | {sum(inside)} | {sure} |"
+    if own := [line for line in lines if "verdict" in line]:
+        verdicts = Counter(line["verdict"] for line in own)
+        held = sum(line["diagnosed_low"] <= line["truth"] <= line["diagnosed_high"] for line in own)
+        yield f"shared noise by diagnose: {dict(verdicts)}, {held} of {len(own)} intervals hold the truth"
 
 
 def main() -> None:
@@ -160,9 +192,10 @@ def main() -> None:
     from threadpoolctl import threadpool_limits
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    families = ["eight", "contrast", "nulls", "clear"]
+    families = ["eight", "contrast", "shared", "nulls", "clear"]
     parser.add_argument("--family", nargs="+", choices=families, default=families)
     parser.add_argument("--contrast", type=int, default=80)
+    parser.add_argument("--shared", type=int, default=20)
     parser.add_argument("--clear", type=int, default=200)
     parser.add_argument("--nulls", type=int, default=400)
     parser.add_argument("--log", type=Path, default=Path("wallid-out") / "sure-and-wrong.jsonl")
@@ -172,7 +205,7 @@ def main() -> None:
     given.log.parent.mkdir(parents=True, exist_ok=True)
     lines = [json.loads(text) for text in given.log.read_text("utf-8").splitlines()] if given.log.exists() else []
     done = {line["key"] for line in lines}
-    counts = {"contrast": given.contrast, "nulls": given.nulls, "clear": given.clear}
+    counts = {"contrast": given.contrast, "shared": given.shared, "nulls": given.nulls, "clear": given.clear}
     with open(given.log, "a", encoding="utf-8") as file:
         for key, work in jobs(given.family, counts):
             if key not in done:
