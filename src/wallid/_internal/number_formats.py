@@ -7,6 +7,7 @@ import re
 from typing import Any
 
 from .units import DAY
+from .visible_text import visible_text
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _EXPONENT = re.compile(r"(?<=[\d)])e([+-]\d+)\b")
@@ -119,6 +120,17 @@ def format_text(text: str) -> str:
     text = format_unit(_EXPONENT.sub(_power_of_ten, text)).replace("+-", "±").replace("degC", "°C")
     text = _PERCENT.sub(" %", text)
     return _NEGATIVE.sub("−", text)
+
+
+def terminal_text(text: str, encoding: str | None) -> str:
+    """A text in typographic form for a terminal, as plain text where the terminal's encoding lacks the signs."""
+    text = visible_text(text)
+    try:
+        shown = format_text(text)
+        shown.encode(encoding or "ascii")
+    except UnicodeEncodeError:
+        return text.encode(encoding or "ascii", "replace").decode(encoding or "ascii")
+    return shown
 
 
 def _power_of_ten(match: re.Match[str]) -> str:

@@ -135,7 +135,8 @@ def _best_fit(diagnosis: Diagnosis, effects: set[EffectParameters]) -> EffectFit
 def waterfall(diagnosis: Diagnosis, *, ax: Axes | None = None) -> Axes:
     """Waterfall chart of the residual (root mean square): plain model, change by each effect, model with effects.
 
-    A dashed line is the value that the noise alone would give. Diamonds are the values on held-out days.
+    A dashed line is the value that the noise alone would give. Diamonds are the values on days that the fit did
+    not use.
 
     Args:
         ax: to draw on; None for a new figure.
@@ -166,7 +167,15 @@ def waterfall(diagnosis: Diagnosis, *, ax: Axes | None = None) -> Axes:
     markers = [(bar + 0.2, value) for bar, value in held_out if value is not None]
     if markers:
         # right of the number above the middle of the bar
-        ax.plot(*zip(*markers, strict=True), "D", ms=5, mfc="white", color=ORANGE, ls="none", label="on held-out days")
+        ax.plot(
+            *zip(*markers, strict=True),
+            "D",
+            ms=5,
+            mfc="white",
+            color=ORANGE,
+            ls="none",
+            label="on days left out of the fit",
+        )
     ax.set_xticks(range(len(bars)), [_wrapped(label) for label, *_ in bars])
     margin = max(0.6, 1.5 - 0.5 * (len(bars) - 1))  # keeps a single bar narrow
     ax.set(ylabel="residual, root mean square (K)", ylim=(0, top), xlim=(-margin, len(bars) - 1 + margin))

@@ -131,7 +131,7 @@ def _reliable(run: Run, values: list[tuple[str, dict[str, Any]]]) -> dict[str, A
 def _first_figure(run: Run) -> str:
     """The figure that shows the answer."""
     if run.diagnosis is not None:
-        return "missing"
+        return "fit" if run.diagnosis.verdict == "adequate" else "missing"
     if run.fit is not None:
         return "estimate" if run.case.sensors else "flux"
     return "campaign" if run.campaign is not None else "record" if run.check is not None else "design"
