@@ -74,7 +74,7 @@ class ExpectedErrors:
         diffusivity = f"{self.diffusivity:.2%} of the diffusivity"
         if math.isnan(self.resistance):
             return diffusivity
-        return f"{self.resistance:.2%} of the resistance R (a little less of U), {diffusivity}"
+        return f"{self.resistance:.2%} of the resistance R (a little less of U) and of {diffusivity}"
 
 
 @dataclass(frozen=True)
