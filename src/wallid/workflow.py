@@ -22,6 +22,7 @@ from .estimation.diffusivity import check_draws, estimate, seconds_of_estimate
 from .estimation.many_windows import CampaignEstimate, campaign
 from .estimation.prediction import Prediction, predict
 from .estimation.result_objects import Estimate
+from .experiment_design.expected_errors import with_expected_errors
 from .experiment_design.fisher_information import Criterion, ParametersOfInterest, Robust
 from .experiment_design.sampling_step import SamplingComparison, compare_sampling_steps
 from .experiment_design.sensor_placement import SensorPlacement, place_sensors
@@ -239,7 +240,8 @@ def _run_window_stages(
         return
     if "design" in stages:
         with begin("design", "design: the most informative days"):
-            result.design = design(case, integrator=integrator, **design_options.options)
+            found = design(case, integrator=integrator, **design_options.options)
+            result.design = with_expected_errors(case, found)
         if not result.design.informative and window is None:
             return
     if window is None:
@@ -313,7 +315,8 @@ def _run_flux_stages(
     case = result.case
     if "estimate" not in stages:
         with begin("design", "design: the most informative days"):
-            result.design = design(case, integrator=integrator, **design_options.options)
+            found = design(case, integrator=integrator, **design_options.options)
+            result.design = with_expected_errors(case, found)
         if result.design.informative and "lengths" in stages:
             _compare_lengths(result, begin, design_options, None)
         return

@@ -51,7 +51,7 @@ def test_a_window_by_hand(command):
 def test_the_summary_is_for_people(command):
     ended = command("estimate", "saint_julien")
     assert ended.exit_code == 1  # a sun is hidden in it
-    assert "diffusivity" in ended.stdout and "m2/s" in ended.stdout and "T3" in ended.stdout
+    assert "diffusivity" in ended.stdout and "m²/s" in ended.stdout and "T3" in ended.stdout
     verdict = next(line for line in ended.stdout.splitlines() if line.startswith("verdict"))
     assert "NOT TO BE RELIED ON" in verdict and "solar gain of the right face" in verdict
     assert "next         wallid diagnose saint_julien: name" in ended.stdout

@@ -1,6 +1,7 @@
 """Heat flux: against the sine series of an analytic slab (no part of wallid), SciPy's hand and ISO 9869-1's rules."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,10 +23,14 @@ from wallid import plot
 from wallid.case.options import Choices
 from wallid.cli.commands import app
 from wallid.estimation.iso_9869 import average_method, resistance_over_time
+from wallid.experiment_design.expected_errors import expected_errors, with_expected_errors
 from wallid.inference.generalised_least_squares import fit_generalised_least_squares
 from wallid.inference.nuisance_parameters import wiener_filtered_noise
 from wallid.inference.validity import distinguishable_range
 from wallid.models.flux_plates import full_order_model_with_plates, uninformative_rows
+from wallid.report.page import answer, render_page
+from wallid.report.result_json import result_entries
+from wallid.workflow import Run
 
 LENGTH, CONDUCTIVITY, CAPACITY = 0.3, 0.75, 1.5e6
 R, C = LENGTH / CONDUCTIVITY, LENGTH * CAPACITY
@@ -424,12 +429,60 @@ def result_of(*words):
     return result
 
 
+def noise_of_plate_and_faces(plate):
+    """The stated noise of a plate, with that of the faces sent through the sine series, root mean square."""
+    faces = FACE * np.random.default_rng(5).standard_normal((20 * ROWS, 2))
+    through = CONDUCTIVITY / LENGTH * fluxes(faces, STEP, DIFFUSIVITY / LENGTH**2)[100:, plate]
+    return np.sqrt(NOISE**2 + np.mean(through**2))
+
+
+def test_a_misfit_is_held_against_the_noise_of_plates_and_faces(both):
+    """The page says that noise explains a residual of its size, and that it does not explain twice as much."""
+    case = case_of()
+
+    def sentence(rms, floor, chi_square):
+        gap = {"after_W_per_m2": rms, "floor_W_per_m2": floor}
+        return answer(Run(case, fit=replace(both, reduced_chi_square=chi_square)), {"flux_gap": gap})
+
+    assert "That is within the noise" in sentence(0.5, 0.5, 1.0)
+    assert "That is more than the stated noise of plates and faces, which gives 0.5 W/m²" in sentence(1.0, 0.5, 4.0)
+    assert "the difference is slower than noise" in sentence(0.5, 0.5, 4.0)
+
+
+def test_a_flux_case_leads_with_resistance_and_u(both):
+    """As text and on the page; the surface resistances of U are numbers."""
+    first, second = str(both).splitlines()[:2]
+    assert first.startswith("resistance") and second.startswith("U-value")
+    assert "0.13 inside and 0.04 m2 K/W outside" in second
+    run = Run(case_of(), fit=both)
+    page = render_page(run, result_entries(run), [])
+    card = page[page.index('class="answer') : page.index("</section>")]
+    values = re.findall(r'<p class="value"><small>([^<]*)</small><br>([^<]*)', card)
+    assert [name.partition(",")[0] for name, _ in values] == ["Thermal resistance R", "U-value"]
+    assert all("±" in value for _, value in values) and "0.13 inside and 0.04" in values[1][0]
+    assert "<strong>Next:</strong> Use R and U" in card
+
+
+def test_expected_errors_are_those_of_the_estimate():
+    """The design's expected errors of diffusivity and R, beside the standard errors of an estimate as stated."""
+    case, window = case_of(noise_model="stated"), wallid.Window(0, ROWS)
+    found = expected_errors(case, window, DIFFUSIVITY)
+    fit = wallid.estimate(case, window)
+    assert found.diffusivity == pytest.approx(fit.std / fit.value, rel=0.05)
+    assert found.resistance == pytest.approx(fit.thermal.resistance.std / fit.thermal.resistance.value, rel=0.05)
+    design = with_expected_errors(case, wallid.design(case, diffusivities=[DIFFUSIVITY]))
+    assert design.errors.diffusivity == pytest.approx(design.expected_relative_std, rel=1e-9)
+    assert str(design).splitlines()[-1].startswith(f"expected     a standard error of {found.resistance:.2%} of the")
+
+
 def test_the_figures_of_a_plate_show_the_estimates_numbers(both):
     """The interval by hand, the residual reading by reading, and a density of area one beside the noise's."""
     case, plate = case_of(), 1
     k, j = both.thermal.conductivity, both.predicted[:, plate]
+    sigma = both.noise_rms[plate]
+    assert sigma == pytest.approx(noise_of_plate_and_faces(plate), rel=0.03)
     half = plot.flux_interval(case, both, plate)
-    assert_allclose(half, 1.959964 * np.sqrt(NOISE**2 + (j * k.std / k.value) ** 2), rtol=1e-6)
+    assert_allclose(half, 1.959964 * np.sqrt(sigma**2 + (j * k.std / k.value) ** 2), rtol=1e-6)
     _, (course, residual, density) = plot.figure(1, 3)
     plot.measured_flux(case, both, plate, ax=course)
     there = np.isfinite(both.residual[:, plate])
@@ -440,7 +493,7 @@ def test_the_figures_of_a_plate_show_the_estimates_numbers(both):
     plot.flux_density(case, both, plate, ax=density)
     (noise,) = density.lines
     x = noise.get_xdata()
-    assert_allclose(noise.get_ydata(), np.exp(-0.5 * (x / NOISE) ** 2) / (NOISE * np.sqrt(2 * np.pi)), rtol=1e-9)
+    assert_allclose(noise.get_ydata(), np.exp(-0.5 * (x / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi)), rtol=1e-9)
 
 
 def test_a_case_with_flux_alone_on_the_command_line(tmp_path):
@@ -452,7 +505,11 @@ def test_a_case_with_flux_alone_on_the_command_line(tmp_path):
         assert set(result[key]) == {"value", "std", "interval_95", "unit"} and result[key]["unit"] == unit
     assert set(result["iso_9869"]) == {"flux_left", "flux_right"}
     assert result["iso_9869"]["flux_left"]["three_days"] is True
-    assert result["gap"] is None and result["flux_gap"]["floor_W_per_m2"] == NOISE
+    assert result["gap"] is None and result["flux_gap"]["floor_W_per_m2"] == pytest.approx(
+        noise_of_plate_and_faces(0), rel=0.03
+    )
+    # the floor is for straight lines between the rows of the faces; cubics pass on a tenth less of their noise
+    assert result["flux_gap"]["after_W_per_m2"] == pytest.approx(result["flux_gap"]["floor_W_per_m2"], rel=0.15)
     page = check((out / "report.html").read_text("utf-8"))
     assert "Thermal resistance" in page.text and "residual of the fluxes" in page.text
     assert any(image["alt"].startswith("The estimate converges to") for image in page.images)

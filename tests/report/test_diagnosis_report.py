@@ -99,7 +99,7 @@ def test_the_waterfall_goes_from_the_plain_model_to_what_is_left(ax, explanation
     lines = {line.get_label(): line for line in ax.lines}
     (floor,) = [line for label, line in lines.items() if label.startswith("noise alone")]
     assert set(floor.get_ydata()) == {gap.noise_floor}
-    assert list(lines["on held-out days"].get_ydata()) == [gap.held_out_before, gap.held_out_after]
+    assert list(lines["on days left out of the fit"].get_ydata()) == [gap.held_out_before, gap.held_out_after]
 
 
 @pytest.mark.parametrize("share", [0.9, 1.0, 1.001, 1.01, 1.03, 1.06, 1.1, 1.3])

@@ -6,7 +6,15 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from wallid._internal.number_formats import format_text, p_value_text, value_and_std
+from wallid._internal.number_formats import (
+    format_interval,
+    format_quantity,
+    format_text,
+    p_value_text,
+    terminal_text,
+    value_and_interval,
+    value_and_std,
+)
 
 
 @pytest.mark.parametrize(
@@ -36,11 +44,31 @@ def test_the_text_is_the_value_to_within_a_tenth_of_its_standard_deviation(value
     assert abs(shown - value) <= 0.1 * std and spread == pytest.approx(std, rel=0.06)
 
 
+def test_an_interval_has_the_digits_and_the_unit_of_its_value():
+    assert value_and_interval(1.096e-6, 3e-8, (1.046e-6, 1.149e-6), "m2/s", ", by profile") == (
+        "(1.096 +- 0.030)e-06 m2/s   (95 %: 1.046e-06 to 1.149e-06, by profile)"
+    )
+    assert value_and_interval(-1220.0, 21.0, (-1261.0, -1179.0), "s") == (
+        "-20.33 +- 0.35 min   (95 %: -21.02 to -19.65)"
+    )
+    entry = {"value": 0.432, "std": 0.017, "interval_95": [0.401, 0.466], "unit": "m2 K/W"}
+    assert format_quantity(entry) == "0.432 ± 0.017 m² K/W (95 %: 0.401 to 0.466)"
+    assert format_interval(entry) == "0.401 to 0.466" and format_interval(entry | {"interval_95": None}) == ""
+    assert format_quantity({"value": None, "std": None, "interval_95": [None, None], "unit": "m2/s"}).startswith("–")
+
+
 def test_no_p_value_is_zero():
     assert p_value_text(0.0) == "p < 0.0005" and p_value_text(0.03) == "p = 0.03"
 
 
+def test_a_terminal_has_the_signs_that_its_encoding_holds():
+    text = "(1.1 +- 0.2)e-06 m2/s at -5 degC\x07"
+    assert terminal_text(text, "utf-8") == "(1.1 ± 0.2) × 10⁻⁶ m²/s at −5 °C\ufffd"
+    assert terminal_text(text, "ascii") == terminal_text(text, None) == "(1.1 +- 0.2)e-06 m2/s at -5 degC?"
+
+
 def test_signs_and_powers_on_a_page():
+    assert format_text("+-5% of -9%") == "±5 % of −9 %"
     assert (
         format_text("(1.1 +- 0.2)e-06 m2/s at -5 degC on 2009-01-02")
         == "(1.1 ± 0.2) × 10⁻⁶ m²/s at −5 °C on 2009-01-02"

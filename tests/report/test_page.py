@@ -93,13 +93,13 @@ def test_every_number_is_in_a_table():
     found = {table.title: table for table in number_tables(result)}
     assert found["overview"].rows == [
         ("version of result.json's format", "1"),
-        ("diffusivity", "1.06 × 10⁻⁶ ± 1.2 × 10⁻⁸ (95 %: 1.04 × 10⁻⁶ to 1.08 × 10⁻⁶) m²/s"),
+        ("diffusivity", "(1.060 ± 0.012) × 10⁻⁶ m²/s (95 %: 1.040 × 10⁻⁶ to 1.080 × 10⁻⁶)"),
         ("verdict on missing effects", "not requested (wallid diagnose)"),
     ]
     assert ("solar gain of right gain (decrease of −2 log L)", "790") in found["identified effects"].rows
     gap = found["residual at the inner sensors (root mean square)"]
     assert gap.head == ("quantity", "value")
-    assert gap.rows == [("plain model (K)", "0.3125"), ("held-out days, final model (K)", "–")]
+    assert gap.rows == [("plain model (K)", "0.3125"), ("on days left out of the fit, final model (K)", "–")]
     record = found["record"].rows
     assert record == [("step (s)", "600"), ("readings missing T s", "3")], "a column's name is no unit"
     steps = found["convergence of the estimate, step by step"]
@@ -108,7 +108,7 @@ def test_every_number_is_in_a_table():
     assert matrix.head == ("", "a", "b") and matrix.rows == [("a", "1", "0.25"), ("b", "0.25", "1")]
     errors = found["error of the reduced-order model by order (dimensionless)"]
     assert errors.head[0] == "order" and errors.rows == [("2", "0.5"), ("4", "0.01")]
-    assert found["calibration errors of the flux plates (relative)"].rows == [("flux left", "0.05 ± 0.01")]
+    assert found["calibration errors of the flux plates (relative)"].rows == [("flux left", "0.050 ± 0.010")]
     iso = found["average method (ISO 9869-1)"]
     assert iso.head == ("", "resistance (m² K/W)", "days") and iso.rows == [("flux left", "0.4", "3")]
     assert found["heat load through the inner face"].rows == [("conductivity (W/m/K)", "1.75")]
@@ -142,8 +142,8 @@ def test_a_number_as_a_person_reads_it(value, said):
 
 
 def test_a_value_has_no_digits_past_its_uncertainty():
-    assert format_quantity({"value": -3.39e-7, "std": 0.00118, "unit": "m"}) == "0 ± 0.0012 m"
-    assert format_quantity({"value": 1.10095e-6, "std": 2.57e-8, "unit": "m2/s"}) == "1.101 × 10⁻⁶ ± 2.6 × 10⁻⁸ m²/s"
+    assert format_quantity({"value": -3.39e-7, "std": 0.00118, "unit": "m"}) == "0.0 ± 1.2 mm"
+    assert format_quantity({"value": 1.10095e-6, "std": 2.57e-8, "unit": "m2/s"}) == "(1.101 ± 0.026) × 10⁻⁶ m²/s"
 
 
 def test_prose_has_the_powers_and_units_of_a_person():
@@ -247,13 +247,44 @@ def test_the_first_lines_name_the_quantity_and_whether_the_model_fits(run, fit):
     result = report.result_entries(found) | {"reliability": {"rms_K": 0.2, "noise_K": 0.1}}
     text = render_page(found, result, [])
     first = text[text.index("<main") : text.index("<nav")]
-    assert "Diffusivity" in first and "1 × 10⁻⁶ m²/s" in first and "e-0" not in first
+    assert "Diffusivity" in first and "(1.000 ± 0.025) × 10⁻⁶ m²/s" in first and "e-0" not in first
     assert (
         "residual is 0.2 K. The stated sensor noise explains only 0.1 K" in unescape(first)
         and "wallid diagnose" in first
     )
     result["reliability"]["rms_K"] = 0.11
     assert "The stated sensor noise of 0.1 K explains it" in answer(found, result)
+
+
+def test_answer_certainty_and_next_step_are_in_the_first_box(run, fit):
+    """What a person reads without scrolling, before any figure."""
+    found = Run(run.case, fit=fit)
+    text = unescape(render_page(found, report.result_entries(found), []))
+    box = text[text.index('<section class="answer') : text.index("</section>")]
+    assert "(1.000 ± 0.025) × 10⁻⁶ m²/s" in box and "95 %: 0.900 × 10⁻⁶ to 1.100 × 10⁻⁶" in box
+    assert "<strong>Next:</strong> Use the value; <code>wallid diagnose</code> tests" in box and "`" not in box
+    assert "Materials with such a diffusivity" not in box and "Materials with such a diffusivity" in text
+
+
+@pytest.mark.filterwarnings("ignore:Glyph")  # no font has every sign
+def test_names_with_any_characters_give_well_formed_files(run, fit, tmp_path):
+    """Control characters, half of a surrogate pair, markup, a formula and an emoji in the names of columns."""
+    names = ("T\x07", "\ud83d", "<&>--$\\frac$\U0001f525")
+    sensors = tuple(replace(one, name=name) for one, name in zip(run.case.sensors, names, strict=True))
+    record = replace(run.case.record, names=names)
+    case = replace(run.case, name="a\x1b $x$ \udfff", sensors=sensors, record=record)
+    history = {name: np.array([1e-6, 1e-7]) for name in ("diffusivity", "gamma_1", "gamma_2")}
+    found = Run(case, fit=replace(fit, history=history), check=check_record(case))
+    for path in report.write_report(found, tmp_path, "wallid run x", formats=("svg", "png", "pdf")):
+        if path.suffix == ".svg":
+            ElementTree.fromstring(path.read_bytes())
+    text = (tmp_path / "report.html").read_text("utf-8")
+    for drawn in drawings(check(text)):
+        ElementTree.fromstring(drawn)
+    assert not re.search("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff]", text)
+    assert "T\ufffd" in text and "&lt;&amp;&gt;--" in text and "\U0001f525" in text
+    numbers = json.loads((tmp_path / "result.json").read_text("utf-8"))
+    assert set(names) <= set(numbers["record"]["missing"]), "the names of the record, for programs"
 
 
 def test_settings_are_shown_as_used(run):
@@ -335,6 +366,27 @@ def test_one_folder_holds_the_files_of_several_commands(run, tmp_path):
     names = {path.name for path in out.iterdir()}
     assert "model.npz" not in names and "record.pdf" not in names, "a command's own files of an earlier run go"
     assert {"report-diagnose.html", "mine.txt"} <= names
+
+
+def test_every_order_of_commands_keeps_the_last_report_of_each(run, tmp_path):
+    """Each command's page is there after any other, and each page links to all others that are kept."""
+    order = ("run", "diagnose", "run", "estimate", "check", "design", "diagnose")
+    for done, name in enumerate(order, start=1):
+        report.write_report(run, tmp_path, f"wallid {name} saint_julien")
+        last = {one: json.loads((tmp_path / f).read_text("utf-8")) for one, f in _results(tmp_path).items()}
+        assert set(last) == set(order[:done]), f"after {order[:done]}"
+        assert all(entries["command"] == f"wallid {one} saint_julien" for one, entries in last.items())
+        links = check((tmp_path / "report.html").read_text("utf-8")).links
+        for other in set(order[:done]) - {name}:
+            assert f"report-{other}.html" in links, other
+            assert "report.html" in check((tmp_path / f"report-{other}.html").read_text("utf-8")).links
+
+
+def _results(folder):
+    """The file with the numbers of each command in a folder."""
+    kept = {path.stem.removeprefix("result-"): path.name for path in folder.glob("result-*.json")}
+    last = json.loads((folder / "result.json").read_text("utf-8"))["command"].split()[1]
+    return kept | {last: "result.json"}
 
 
 def test_every_figure_has_its_caption_and_its_place_on_the_page():

@@ -7,9 +7,11 @@ import re
 from typing import Any
 
 from .units import DAY
+from .visible_text import visible_text
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _EXPONENT = re.compile(r"(?<=[\d)])e([+-]\d+)\b")
+_PERCENT = re.compile(r"(?<=\d)%")
 _NEGATIVE = re.compile(r"(?<![\w.)−-])-(?=\d)")  # a sign, not a hyphen or a date
 _SQUARE_OR_CUBIC_METRE = re.compile(r"\bm([23])(?=$|[\s/),.;])")
 _PEOPLE = {  # for each unit: from which size on, the factor of another unit and its name
@@ -38,21 +40,18 @@ def format_number(value: Any, digits: int = 4) -> str:
 
 
 def format_quantity(entry: dict[str, Any]) -> str:
-    """A quantity of result.json as text: value, standard deviation, 95 % interval and unit, as far as present."""
-    text = format_number(_rounded(entry["value"], entry.get("std")))
-    if entry.get("std") is not None:
-        text += f" ± {format_number(entry['std'], 2)}"
-    if entry.get("interval_95"):
-        low, high = entry["interval_95"]
-        text += f" (95 %: {format_number(low)} to {format_number(high)})"
-    return f"{text} {format_unit(entry['unit'])}".strip()
+    """A quantity of result.json as text: value, standard deviation, unit and 95 % interval, as far as present."""
+    value, std, interval = entry["value"], entry.get("std"), entry.get("interval_95")
+    if value is None or not std:
+        text = f"{format_number(value)} {format_unit(entry['unit'])}".strip()
+        return text if not interval else f"{text} (95 %: {format_number(interval[0])} to {format_number(interval[1])})"
+    ends = None if not interval or None in interval else (interval[0], interval[1])
+    return format_text(value_and_interval(value, std, ends, "" if entry["unit"] == "-" else entry["unit"], gap=" "))
 
 
-def _rounded(value: Any, std: float | None) -> Any:
-    """A value rounded to the second significant digit of its standard deviation."""
-    if not std or not isinstance(value, float):
-        return value
-    return round(value, 1 - math.floor(math.log10(std))) + 0.0  # -0.0 becomes 0.0
+def format_interval(entry: dict[str, Any]) -> str:
+    """The 95 % interval of a quantity of result.json, as text; empty where there is none."""
+    return format_quantity(entry).partition(" (95 %: ")[2].rstrip(")")
 
 
 def value_and_std(value: float, std: float, unit: str = "") -> str:
@@ -61,16 +60,39 @@ def value_and_std(value: float, std: float, unit: str = "") -> str:
     Seconds become minutes, hours or days, metres become mm or cm, rates per second become rates per day. Very large and
     very small values share one power of ten: `(1.061 +- 0.012)e-06 m2/s`.
     """
+    return value_and_interval(value, std, None, unit)
+
+
+def value_and_interval(
+    value: float, std: float, interval_95: tuple[float, float] | None, unit: str = "", note: str = "", gap: str = "   "
+) -> str:
+    """As `value_and_std`, followed by the 95 % interval in the same unit and with the same digits.
+
+    Args:
+        interval_95: its ends; None for the value alone.
+        note: behind the interval, inside the parentheses.
+        gap: between value and interval.
+    """
     scale, unit = _unit_for_people(max(abs(value), abs(std)), unit)
     value, std = value / scale, std / scale
+    ends = () if interval_95 is None else (interval_95[0] / scale, interval_95[1] / scale)
     if not (math.isfinite(value) and math.isfinite(std)) or std <= 0:
-        return f"{value:.4g} {unit}".strip()
-    power = math.floor(math.log10(max(abs(value), std)))
-    power = power if power < -4 or power > 4 else 0
-    value, std = value / 10.0**power, std / 10.0**power
-    digits = max(1 - math.floor(math.log10(std)), 0)
-    text = f"{round(value, digits) + 0.0:.{digits}f} +- {std:.{digits}f}"
-    return f"({text})e{power:+03d} {unit}".strip() if power else f"{text} {unit}".strip()
+        text, shown = f"{value:.4g} {unit}".strip(), [f"{end:.4g}" for end in ends]
+    else:
+        power = math.floor(math.log10(max(abs(value), std)))
+        power = power if power < -4 or power > 4 else 0
+        size = 10.0**power
+        digits = max(1 - math.floor(math.log10(std / size)), 0)
+        exponent = f"e{power:+03d}" if power else ""
+        text = f"{_fixed(value / size, digits)} +- {_fixed(std / size, digits)}"
+        text = f"({text}){exponent} {unit}".strip() if power else f"{text} {unit}".strip()
+        shown = [f"{_fixed(end / size, digits)}{exponent}" for end in ends]
+    return text if not ends else f"{text}{gap}(95 %: {shown[0]} to {shown[1]}{note})"
+
+
+def _fixed(value: float, digits: int) -> str:
+    """A number with a fixed number of decimals, and no minus sign at zero."""
+    return f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 def p_value_text(p: float, least: float = 5e-4) -> str:
@@ -96,7 +118,19 @@ def format_unit(text: str) -> str:
 def format_text(text: str) -> str:
     """A sentence with powers of ten, units and signs in typographic form."""
     text = format_unit(_EXPONENT.sub(_power_of_ten, text)).replace("+-", "±").replace("degC", "°C")
+    text = _PERCENT.sub(" %", text)
     return _NEGATIVE.sub("−", text)
+
+
+def terminal_text(text: str, encoding: str | None) -> str:
+    """A text in typographic form for a terminal, as plain text where the terminal's encoding lacks the signs."""
+    text = visible_text(text)
+    try:
+        shown = format_text(text)
+        shown.encode(encoding or "ascii")
+    except UnicodeEncodeError:
+        return text.encode(encoding or "ascii", "replace").decode(encoding or "ascii")
+    return shown
 
 
 def _power_of_ten(match: re.Match[str]) -> str:

@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from .. import workflow
 from .._internal.errors import InputError
+from .._internal.number_formats import terminal_text
 from .._internal.validation import error_context
 from .._internal.xla_options import prepare_xla
 from ..case.case_definition import Case
@@ -90,7 +91,8 @@ def run_command(
 
 def _print_summary(result: workflow.Run, name: str, written: list[Path]) -> None:
     """Print the results, the names of the written files, and the command to run next."""
-    lines = [str(result), f"\nwrote        {', '.join(path.name for path in written)} to {written[0].parent}"]
+    text = terminal_text(str(result), sys.stdout.encoding)
+    lines = [text, f"\nwrote        {', '.join(path.name for path in written)} to {written[0].parent}"]
     if previous := [path.name for path in written if path.name.startswith("report-")]:
         lines.append(f"kept         the report of an earlier command in this folder, as {previous[0]}")
     missing = result.screening is not None and bool(result.screening.missing)

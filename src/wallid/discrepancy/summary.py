@@ -87,11 +87,12 @@ def _sentence(findings: Findings) -> str:
     held_out = (
         ""
         if gap.held_out_before is None or gap.held_out_after is None
-        else f", and the rms residual on days held out from {gap.held_out_before:.3g} to {gap.held_out_after:.3g} K"
+        else f", and the rms residual on days that the fit did not use from {gap.held_out_before:.3g} to "
+        f"{gap.held_out_after:.3g} K"
     )
     text = (
         f"{named[:1].upper()}{named[1:]} {verb} missing; with {pronoun} the diffusivity goes from "
-        f"{plain.diffusivity:.4g} to {final.diffusivity:.4g} m2/s{held_out}; the noise gives {gap.noise_floor:.3g} K."
+        f"{plain.diffusivity:.4g} to {final.diffusivity:.4g} m2/s{held_out}; noise alone gives {gap.noise_floor:.3g} K."
     )
     if verdict == "confusable":
         text += " " + " ".join(_ambiguity(effect, problem) for effect in findings.effects if effect.alternatives)

@@ -197,6 +197,7 @@ def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[
         reduced_chi_square=best_fit.reduced_chi_square,
         noise_description=_noise_description(best_fit),
         noise_ratio=noise_ratio(best_fit),
+        noise_rms=tuple(best_fit.noise_shape.stated_rms_of_outputs().tolist()),
         advice=tuple(text for text in (noise_advice(case, best_fit), _doubt(case, value)) if text),
         variance_shares=best_fit.variance_shares() if not reason else {},
         predicted=np.asarray(best.predicted),

@@ -32,7 +32,9 @@ from ..models.window_inputs import window_data
 from .iso_9869 import AverageMethod, average_method
 from .pooled_mean import PooledMean, covariance_with_shared_errors, pooled_mean
 
-R_SURFACES = 0.13 + 0.04  # m2 K/W, inside and outside (ISO 6946)
+R_INSIDE, R_OUTSIDE = 0.13, 0.04  # m2 K/W (ISO 6946)
+R_SURFACES = R_INSIDE + R_OUTSIDE
+SURFACES_TEXT = f"with surface resistances of {R_INSIDE:g} inside and {R_OUTSIDE:g} m2 K/W outside (ISO 6946)"
 _MIN_HALF_ROWS = 50  # of the first half of a window, to predict the second half
 
 
@@ -95,21 +97,30 @@ class ThermalProperties:
         gains = {face: {"value": value, "std": std} for face, (value, std) in self.plate_gains.items()}
         return {name: one.result() for name, one in self.quantities.items()} | {"plate_gains": gains}
 
-    def __str__(self) -> str:
-        lines = [
-            f"resistance   {self.resistance}",
+    @property
+    def property_lines(self) -> list[str]:
+        """A line for each property, those that do not depend on the stated length first."""
+        return [
+            f"resistance   {self.resistance}, from face to face",
+            f"U-value      {self.transmittance}, {SURFACES_TEXT}",
             f"capacity     {self.areal_heat_capacity}",
-            f"U-value      {self.transmittance}",
             f"conductivity {self.conductivity}, for the stated length",
         ]
-        lines += [
-            f"plate        {face}: calibration {gain:+.1%} +- {std:.1%}"
+
+    @property
+    def evidence_lines(self) -> list[str]:
+        """The plates' calibration, the average method, and the prediction of the second half, line by line."""
+        lines = [
+            f"plate        {face}: calibration {100 * gain + 0.0:+.1f} +- {100 * std:.1f} %"
             for face, (gain, std) in self.plate_gains.items()
         ]
         if self.gains_assumed:
             lines.append("             (5 % assumed; state [record] flux_gain_std)")
         lines += [str(average) for average in self.average_methods]
-        return "\n".join([*lines, *([str(self.held_out)] if self.held_out is not None else [])])
+        return [*lines, *([str(self.held_out)] if self.held_out is not None else [])]
+
+    def __str__(self) -> str:
+        return "\n".join([*self.property_lines, *self.evidence_lines])
 
 
 def why_flux_is_doubtful(case: Case, thermal: ThermalProperties) -> str:

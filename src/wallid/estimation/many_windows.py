@@ -17,6 +17,7 @@ import numpy as np
 
 from .._internal.errors import InputError
 from .._internal.html import html_table, interval_row
+from .._internal.number_formats import value_and_interval, value_and_std
 from ..case.case_definition import Case
 from ..case.time_window import Window, window_rows
 from ..inference.gls_fit import GLSFit
@@ -77,8 +78,7 @@ class CampaignEstimate:
 
     def summary(self) -> str:
         """The pooled value, the agreement of the windows and each window's estimate, as text."""
-        low, high = self.interval_95
-        value = f"{self.value:.4g} m2/s  +- {self.std:.1g}   (95 %: {low:.4g} to {high:.4g})"
+        value = value_and_interval(self.value, self.std, self.interval_95, "m2/s")
         head = f"diffusivity  {value}" if self.reliable else f"diffusivity  NOT TO BE RELIED ON: {self.reason}"
         lines = [head, f"windows      {len(self.used)} of {len(self.windows)} are informative and in it"]
         if self.mean is not None and self.mean.degrees_of_freedom:
@@ -235,7 +235,7 @@ def _log_alpha_covariance(informative: Sequence[tuple[Estimate, GLSFit]]) -> np.
 
 def _value_and_std(quantity: Quantity) -> str:
     """A quantity with its standard error, as text."""
-    return f"{quantity.value:.4g} +- {quantity.std:.2g} {quantity.unit}"
+    return value_and_std(quantity.value, quantity.std, quantity.unit)
 
 
 def _consecutive_windows(case: Case, rows: int) -> list[Window]:

@@ -11,6 +11,7 @@ import scipy
 
 from .._internal.errors import InputError
 from .._internal.html import html_table, interval_row
+from .._internal.number_formats import value_and_interval, value_and_std
 from ..case.initial_profile import InitialProfile
 from ..case.time_window import Window
 from ..inference.identifiability import Identifiability
@@ -55,6 +56,8 @@ class Estimate:
         noise_description: the noise that the interval is based on, as text.
         noise_ratio: standard deviation of the noise found in the residual over the stated one; NaN where the noise was
             not estimated.
+        noise_rms: root mean square that the stated noise alone gives each output, K or W/m2, the noise of the faces
+            included, which goes through the wall; empty with `weights="none"`.
         advice: what to check or to state otherwise in the case, although the estimate is reliable.
         variance_shares: share of each source of error in the variance, dimensionless.
         bootstrap: parametric bootstrap of `std` and interval; None if not requested.
@@ -92,6 +95,7 @@ class Estimate:
     rounds: int = 0
     noise_description: str = "the paper's simple sigma"
     noise_ratio: float = math.nan
+    noise_rms: tuple[float, ...] = ()
     advice: tuple[str, ...] = ()
     variance_shares: dict[str, float] = field(default_factory=dict)
     bootstrap: Bootstrap | None = None
@@ -122,22 +126,28 @@ class Estimate:
 
     def summary(self) -> str:
         """Value, interval, fit and all estimated parameters, as text."""
-        low, high = self.interval_95
         by = "" if self.interval_kind == "normal" else f", by the {self.interval_kind}"
-        value = f"{self.value:.4g} m2/s  +- {self.std:.1g}   (95 %: {low:.4g} to {high:.4g}{by})"
+        value = value_and_interval(self.value, self.std, self.interval_95, "m2/s", by)
+        flux_only = self.thermal is not None and not self.sensor_count
         lines = [f"diffusivity  {value}"]
+        if flux_only and self.thermal is not None and self.reliable:
+            lines = [*self.thermal.property_lines, f"diffusivity  {value}, for the stated length"]
         if not self.reliable:
             lines = [f"diffusivity  NOT TO BE RELIED ON: {self.reason}", f"             the search ended at {value}"]
         rounds = f", {self.rounds} rounds under the full covariance" if self.rounds else ""
         lines += [
             f"model        {self.model_description}; {self.message} after {self.iterations} Gauss-Newton steps{rounds}",
-            f"residual     {self._residual_rms()} root mean square, "
-            f"reduced chi-square {self.reduced_chi_square:.2f}; {self.noise_description}",
+            f"residual     {self._residual_rms()}; "
+            f"reduced chi-square {self.reduced_chi_square:.2f} "
+            f"(about 1 where the stated noise explains it); {self.noise_description}",
         ]
         lines += [f"advice       {text}" for text in self.advice]
         if self.thermal is not None:  # the average method does not depend on the estimate
+            lines += self.thermal.property_lines if self.reliable and not flux_only else []
             lines += (
-                [str(self.thermal)] if self.reliable else [str(average) for average in self.thermal.average_methods]
+                self.thermal.evidence_lines
+                if self.reliable
+                else [str(average) for average in self.thermal.average_methods]
             )
         lines += [f"{_LABELS.get(name, name):<12} {one}" for name, one in self.wall_parameters.items()]
         if self.identifiability is not None and len(self.identifiability.names) > 1:
@@ -150,11 +160,12 @@ class Estimate:
             lines.append(str(self.bootstrap))
         if self.profile.eps_2 is not None:
             degree = len(self.profile.coefficients) - 1
-            fit = f"eps_2 {self.profile.eps_2:.2g} K" if self.profile.eps_2 > 1e-9 else "through all its readings"
+            misfit = self.profile.eps_2
+            fit = f"{misfit:.2g} K rms from the readings" if misfit > 1e-9 else "through all its readings"
             lines.append(f"profile      initial polynomial of degree {degree}, {fit}")
-        lines += [f"offset       {name} {value:+.3f} +- {std:.3f} K" for name, (value, std) in self.offsets.items()]
+        lines += [f"offset       {name} {value_and_std(*offset, 'K')}" for name, offset in self.offsets.items()]
         lines += [
-            f"position     {name} {1e3 * value:+.1f} +- {1e3 * std:.1f} mm"
+            f"position     {name} {value_and_std(value, std, 'm')}"
             for name, (value, std) in (
                 self.positions | {f"{side} face": one for side, one in self.face_positions.items()}
             ).items()
@@ -214,5 +225,27 @@ class Estimate:
 
     def _residual_rms(self) -> str:
         """The root mean square of the residual, as text."""
-        parts = (self.residual[:, : self.sensor_count], "K"), (self.residual[:, self.sensor_count :], "W/m2")
-        return " and ".join(f"{np.sqrt(np.nanmean(part**2)):.3g} {unit}" for part, unit in parts if part.size)
+        parts = [f"{self.rms(flux=flux):.3g} {'W/m2' if flux else 'K'}" for flux in self._kinds_of_outputs]
+        noise = [f"{self.expected_rms(flux=flux):.2g}" for flux in self._kinds_of_outputs if self.noise_rms]
+        text = f"{' and '.join(parts)} root mean square"
+        return text + (f", {' and '.join(noise)} expected from the stated noise" if noise else "")
+
+    @property
+    def _kinds_of_outputs(self) -> list[bool]:
+        """Which outputs there are: False for temperatures, True for fluxes."""
+        return [flux for flux in (False, True) if self.residual[:, self._outputs(flux)].size]
+
+    def _outputs(self, flux: bool) -> slice:
+        """The columns of `residual` that are fluxes, or temperatures."""
+        return slice(self.sensor_count, None) if flux else slice(self.sensor_count)
+
+    def rms(self, *, flux: bool = False) -> float:
+        """Root mean square of the residual at the inner sensors, K; or at the flux plates, W/m2."""
+        return float(np.sqrt(np.nanmean(self.residual[:, self._outputs(flux)] ** 2)))
+
+    def expected_rms(self, *, flux: bool = False) -> float:
+        """The same that the stated noise alone would give, that of the faces included; NaN where it is not known."""
+        columns = self._outputs(flux)
+        count = np.isfinite(self.residual[:, columns]).sum(axis=0)
+        variance = np.square(self.noise_rms[columns])
+        return float(np.sqrt(variance[count > 0] @ count[count > 0] / count.sum())) if len(variance) else math.nan

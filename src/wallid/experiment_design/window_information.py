@@ -43,7 +43,7 @@ from .fisher_information import (
     information_matrix,
     relative_std,
 )
-from .information_contributions import WindowContributions, rows_per_bin
+from .information_contributions import Contribution, WindowContributions, rows_per_bin
 from .predicted_response import ResponseModel
 
 
@@ -89,15 +89,28 @@ def _window_criterion(
     contributions: WindowContributions, window: int, criterion: Criterion, of: ParametersOfInterest
 ) -> tuple[float, float]:
     """The criterion and the information on ln(alpha) of one window."""
+    matrix, each = information_of_window(contributions, window)
+    if not each:
+        return 0.0, 0.0
+    return criterion_of(matrix, criterion, indices_of_interest(of, each)), relative_std(matrix) ** -2.0
+
+
+def information_of_window(
+    contributions: WindowContributions, window: int
+) -> tuple[Float[np.ndarray, "param param"], list[Contribution]]:
+    """The information matrix of one window, and what each sensor and plate with a reading contributes to it.
+
+    Args:
+        window: its index in `contributions.starts`.
+    """
     case = contributions.case
     rows = Window(int(contributions.starts[window]), contributions.rows)
     present, flux_present = np.isfinite(case.record.sensors[rows.as_slice]), np.isfinite(flux_readings(case, rows))
     if not present.any() and not flux_present.any():
-        return 0.0, 0.0
+        return np.zeros((0, 0)), []
     indexed = contributions.contributions_of_case(window, present, flux_present)
     each = [one for _, one in indexed]
-    matrix = information_matrix(each, contributions.whitening(indexed))
-    return criterion_of(matrix, criterion, indices_of_interest(of, each)), relative_std(matrix) ** -2.0
+    return information_matrix(each, contributions.whitening(indexed)), each
 
 
 class InitialProfiles(eqx.Module):

@@ -15,6 +15,7 @@ Source: Berger and Kadoch, Section 4.1; Ucinski, Optimal Measurement Methods (20
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -58,6 +59,25 @@ from .window_information import (
 
 
 @dataclass(frozen=True)
+class ExpectedErrors:
+    """Relative standard errors of an estimate from the best window, with the full covariance of its interval.
+
+    Args:
+        diffusivity: dimensionless.
+        resistance: dimensionless; NaN without flux plates.
+    """
+
+    diffusivity: float
+    resistance: float = math.nan
+
+    def __str__(self) -> str:
+        diffusivity = f"{self.diffusivity:.2%} of the diffusivity"
+        if math.isnan(self.resistance):
+            return diffusivity
+        return f"{self.resistance:.2%} of the resistance R (a little less of U) and of {diffusivity}"
+
+
+@dataclass(frozen=True)
 class Design:
     """The criterion of every candidate window, and the best window.
 
@@ -74,6 +94,7 @@ class Design:
         criterion_name, of, robust, full: as given to `design`.
         criterion_values: the criterion, `(diffusivity, window)`; None where it is `information`.
         record_start: the origin of `start_days`.
+        errors: the expected errors of an estimate from the best window; None where they were not computed.
     """
 
     rows: int
@@ -90,6 +111,7 @@ class Design:
     full: bool = False
     criterion_values: np.ndarray | None = field(default=None, repr=False)
     record_start: RecordStart = field(default_factory=RecordStart)
+    errors: ExpectedErrors | None = None
 
     @property
     def criterion(self) -> np.ndarray:
@@ -132,11 +154,16 @@ class Design:
             )
         near = int(np.sum(self.relative_criterion >= 0.98))
         criterion = criterion_text(self.criterion_name, self.of, self.robust, self.diffusivities)
-        counted = "the full covariance of the estimate" if self.full else "the readings' noise alone"
+        errors = self.errors or ExpectedErrors(self.expected_relative_std)
+        counted = (
+            "the full covariance of the estimate"
+            if self.full or self.errors is not None
+            else "the readings' noise alone"
+        )
         return (
             f"best window  {self.labels[0]} to {self.labels[1]} ({self.rows} rows), of {len(self.starts)} candidates\n"
             f"criterion    {criterion}; {near} candidate(s) within 2 % of the largest\n"
-            f"expected     a relative standard error of {self.expected_relative_std:.2%} from {counted}"
+            f"expected     a standard error of {errors}, from {counted}"
         )
 
     __str__ = summary

@@ -80,7 +80,10 @@ class Identifiability:
             sentences.append(f"for {_and(uninformed)} the record adds hardly any information to the prior")
         if sentences:
             return "; ".join(sentences)
-        return f"{_and(self.names)} are identifiable (collinearity index {_index(self.overall_collinearity)})"
+        return (
+            f"{_and(self.names)} are identifiable (collinearity index {_index(self.overall_collinearity)}; above "
+            f"{COLLINEAR:g} one of them could replace the others)"
+        )
 
     def _list(self, subset: tuple[int, ...]) -> str:
         return _and([self.names[index] for index in subset])

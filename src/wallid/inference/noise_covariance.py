@@ -234,14 +234,24 @@ class NoiseShape:
         R[missing, missing] = 1.0
         lower = np.linalg.cholesky(R)
         whitening = scipy.linalg.solve_triangular(lower, np.eye(len(R)), lower=True)
-        return NoiseCovariance(white, autocorrelated, rho, whitening, R, self._residual_rms(white, autocorrelated, rho))
+        rms = float(np.sqrt(self._noise_power(white, autocorrelated, rho).sum() / self.present.sum()))
+        return NoiseCovariance(white, autocorrelated, rho, whitening, R, rms)
 
     def stated_covariance(self) -> NoiseCovariance:
         """The covariance with all noise white and as stated."""
         return self.covariance_of(1.0, 0.0, 0.8)
 
+    def stated_rms_of_outputs(self) -> np.ndarray:
+        """Root mean square of the stated noise at the rows of each output, in its unit, the faces' part included.
+
+        NaN for an output without a reading.
+        """
+        readings = self.present.sum(axis=0)
+        power = self._noise_power(1.0, 0.0, 0.0)
+        return np.sqrt(np.divide(power, readings, out=np.full(len(power), np.nan), where=readings > 0))
+
     def face_variance(self, white: float, autocorrelated: float, rho: float) -> Float[np.ndarray, " sensor"]:
-        """Variance of each sensor's readings at the rows by the errors of the faces, K2."""
+        """Variance of each output at the rows by the errors of the faces, in its unit squared."""
         rows = self.response.shape[1]
         autocovariance = 2 * autocorrelated * rho ** np.arange(rows)  # of both signs of the lag
         autocovariance[0] = white + autocorrelated
@@ -253,11 +263,11 @@ class NoiseShape:
         of_readings = self.face_std**2 * np.einsum("flk,l->k", correlation, autocovariance)
         return of_readings + np.einsum("flk,fl->k", correlation[:, :lags], of_cubics)
 
-    def _residual_rms(self, white: float, autocorrelated: float, rho: float) -> float:
-        """Root mean square of the noise at the rows, K, the faces' part included."""
+    def _noise_power(self, white: float, autocorrelated: float, rho: float) -> np.ndarray:
+        """Sum of the noise's variance over the readings of each output, the faces' part included, `(sensor,)`."""
         variance = self.sensor_std**2 * (white + autocorrelated) + self.face_variance(white, autocorrelated, rho)
-        gap_variance = (np.sum(self.gap_errors**2, axis=0) * self.counts.T.reshape(-1)).sum()
-        return float(np.sqrt(((self.present * variance).sum() + gap_variance) / self.present.sum()))
+        gaps = (np.sum(self.gap_errors**2, axis=0) * self.counts.T.reshape(-1)).reshape(self.sensor_count, -1)
+        return self.present.sum(axis=0) * variance + gaps.sum(axis=1)
 
     @property
     def largest_gap_errors(self) -> np.ndarray:

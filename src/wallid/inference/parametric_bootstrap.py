@@ -39,7 +39,7 @@ class Bootstrap:
 
     def __str__(self) -> str:
         low, high = self.interval_95
-        return f"bootstrap    of {self.draws} draws: +- {self.std:.1g}   (95 %: {low:.4g} to {high:.4g})"
+        return f"bootstrap    of {self.draws} draws: +- {self.std:.2g} m2/s   (95 %: {low:.4g} to {high:.4g})"
 
 
 def bootstrap(fit: GLSFit, draws: int, seed: int) -> Bootstrap:

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from .._internal.number_formats import value_and_interval
 from .physical_bounds import clip_to_physical
 
 NORMAL_95 = 1.959963984540054
@@ -32,8 +33,7 @@ class Quantity:
         return {"value": self.value, "std": self.std, "interval_95": list(self.interval_95), "unit": self.unit}
 
     def __str__(self) -> str:
-        low, high = self.interval_95
-        return f"{self.value:.4g} {self.unit}  +- {self.std:.2g}   (95 %: {low:.4g} to {high:.4g})"
+        return value_and_interval(self.value, self.std, self.interval_95, self.unit)
 
 
 def lognormal(value: float, variance: float, quantile: float, unit: str) -> Quantity:

@@ -19,8 +19,8 @@ from .time_axis import TimeAxis
 def flux_interval(case: Case, fit: Estimate, plate: int) -> np.ndarray:
     """Half width of the 95 % interval of each reading of a flux plate about its prediction.
 
-    It contains the stated plate noise `sigma` and the standard error `std_k` of the conductivity `k`:
-    `1.96 sqrt(sigma^2 + (q std_k / k)^2)`.
+    It contains the stated noise `sigma`, that of the faces included, and the standard error `std_k` of the conductivity
+    `k`: `1.96 sqrt(sigma^2 + (q std_k / k)^2)`.
 
     Args:
         plate: its index.
@@ -31,7 +31,12 @@ def flux_interval(case: Case, fit: Estimate, plate: int) -> np.ndarray:
     assert fit.thermal is not None
     conductivity = fit.thermal.conductivity
     flux = fit.predicted[:, fit.sensor_count + plate]
-    return NORMAL_95 * np.hypot(flux_noise_std(case), flux * conductivity.std / conductivity.value)
+    return NORMAL_95 * np.hypot(_noise(case, fit, plate), flux * conductivity.std / conductivity.value)
+
+
+def _noise(case: Case, fit: Estimate, plate: int) -> float:
+    """Standard deviation of a plate's residual from the stated noise, that of the faces included, W/m2."""
+    return fit.noise_rms[fit.sensor_count + plate] if fit.noise_rms else flux_noise_std(case)
 
 
 def measured_flux(case: Case, fit: Estimate, plate: int, *, ax: Axes | None = None) -> Axes:
@@ -64,6 +69,8 @@ def measured_flux(case: Case, fit: Estimate, plate: int, *, ax: Axes | None = No
 def flux_residual(case: Case, fit: Estimate, plate: int, *, ax: Axes | None = None) -> Axes:
     """Residual of the flux of a plate over the window of an estimate, with the 95 % band of the stated noise.
 
+    The stated noise is that of the plate and, through the wall, of the faces.
+
     Args:
         ax: to draw on; None for a new figure.
 
@@ -76,7 +83,7 @@ def flux_residual(case: Case, fit: Estimate, plate: int, *, ax: Axes | None = No
     axis = TimeAxis(case.record.start)
     days = axis.at(case.record.days[fit.window.as_slice])
     ax.plot(*downsampled(days[present], residual[present]), ".-", ms=3, lw=0.7, color=PURPLE)
-    band = NORMAL_95 * flux_noise_std(case)
+    band = NORMAL_95 * _noise(case, fit, plate)
     ax.axhspan(-band, band, color=GREY, alpha=0.15, lw=0, label="stated noise, 95 %")
     ax.axhline(0.0, color=GREY, lw=0.8)
     axis.apply(ax)
@@ -97,7 +104,7 @@ def flux_density(case: Case, fit: Estimate, plate: int, *, ax: Axes | None = Non
     ax = axes_or_new(ax)
     residual = fit.residual[:, fit.sensor_count + plate]
     residual_densities(
-        ax, (("estimate", residual, PURPLE),), np.full(len(residual), flux_noise_std(case)), "stated noise"
+        ax, (("estimate", residual, PURPLE),), np.full(len(residual), _noise(case, fit, plate)), "stated noise"
     )
     ax.set(xlabel="measured minus simulated (W/m²)", ylabel="density (m²/W)", title="Density of the residual")
     legend_above(ax)

@@ -10,6 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.transforms import ScaledTranslation
 
+from .._internal.visible_text import visible_text
+
 _LONGEST_NAME = 18  # letters
 _MOST_COLUMNS = 8
 _LARGEST_SHARE = 0.45  # of the height of the Axes; a higher legend is drawn below them
@@ -20,10 +22,15 @@ _LEGEND_DISTANCE = 0.05  # inches from the label of the abscissa to a legend bel
 
 def shortened(name: str, longest: int = _LONGEST_NAME) -> str:
     """A name of at most `longest` letters, cut in its middle: similar names often differ at their ends."""
-    if len(name) <= longest:
-        return name
-    end = (longest - 1) // 2
-    return f"{name[: longest - 1 - end]}…{name[-end:]}"
+    if len(name) > longest:
+        end = (longest - 1) // 2
+        name = f"{name[: longest - 1 - end]}…{name[-end:]}"
+    return as_drawn(name)
+
+
+def as_drawn(name: str) -> str:
+    """A name from a file as a text that matplotlib draws letter by letter: no formula, no control character."""
+    return " ".join(visible_text(name).split()).replace("$", r"\$")
 
 
 def root_figure(ax: Axes) -> Figure:

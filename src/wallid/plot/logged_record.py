@@ -13,7 +13,7 @@ from ..case.case_definition import Case
 from ..case.time_window import Window
 from ..case.wall_and_sensors import SIDES
 from .house_style import FACE_COLOURS, GREY, ORANGE, YELLOW, axes_or_new, line_style, marker_style, sensor_colour
-from .legends import legend_above, legend_below, shortened
+from .legends import as_drawn, legend_above, legend_below, shortened
 from .time_axis import TimeAxis
 
 BLACK = "#000000"
@@ -79,7 +79,7 @@ def record(case: Case, window: Window | None = None, *, spikes: bool = False, ax
     _mark_breaks(ax, case, days, label="break of the record")
     if spikes:
         _mark_spikes(ax, case, axis, np.concatenate([faces.ravel(), logged.sensors.ravel()]))
-    ax.set(ylabel="temperature (°C)", title=f"Record {case.name}")
+    ax.set(ylabel="temperature (°C)", title=f"Record {as_drawn(case.name)}")
     axis.apply(ax)
     legend_above(ax)
     return ax

@@ -16,7 +16,7 @@ from ..discrepancy.effect_results import NamedEffect
 from ..discrepancy.problem import EffectParameters
 from ..inference.quantity import NORMAL_95
 from .house_style import BLUE, GREEN, GREY, KEEP_COLOUR, ORANGE, RED, SKY, axes_or_new, text_colour_on
-from .legends import legend_above, legend_below, root_figure, use_constrained_layout
+from .legends import as_drawn, legend_above, legend_below, root_figure, use_constrained_layout
 from .residuals import sensor_names
 from .time_axis import TimeAxis
 
@@ -114,7 +114,7 @@ def waterfall_steps(diagnosis: Diagnosis) -> list[tuple[str, float]]:
     gap = diagnosis.gap
     steps, added = [("plain model", gap.before)], []
     for count, named in enumerate(diagnosis.effects, start=1):
-        added.append(diagnosis.problem.label(named.effect_parameters.effect))
+        added.append(as_drawn(diagnosis.problem.label(named.effect_parameters.effect)))
         value = gap.after
         if count < len(diagnosis.effects):
             fit = _best_fit(diagnosis, {other.effect_parameters for other in diagnosis.effects[:count]})
@@ -135,7 +135,8 @@ def _best_fit(diagnosis: Diagnosis, effects: set[EffectParameters]) -> EffectFit
 def waterfall(diagnosis: Diagnosis, *, ax: Axes | None = None) -> Axes:
     """Waterfall chart of the residual (root mean square): plain model, change by each effect, model with effects.
 
-    A dashed line is the value that the noise alone would give. Diamonds are the values on held-out days.
+    A dashed line is the value that the noise alone would give. Diamonds are the values on days that the fit did
+    not use.
 
     Args:
         ax: to draw on; None for a new figure.
@@ -166,7 +167,15 @@ def waterfall(diagnosis: Diagnosis, *, ax: Axes | None = None) -> Axes:
     markers = [(bar + 0.2, value) for bar, value in held_out if value is not None]
     if markers:
         # right of the number above the middle of the bar
-        ax.plot(*zip(*markers, strict=True), "D", ms=5, mfc="white", color=ORANGE, ls="none", label="on held-out days")
+        ax.plot(
+            *zip(*markers, strict=True),
+            "D",
+            ms=5,
+            mfc="white",
+            color=ORANGE,
+            ls="none",
+            label="on days left out of the fit",
+        )
     ax.set_xticks(range(len(bars)), [_wrapped(label) for label, *_ in bars])
     margin = max(0.6, 1.5 - 0.5 * (len(bars) - 1))  # keeps a single bar narrow
     ax.set(ylabel="residual, root mean square (K)", ylim=(0, top), xlim=(-margin, len(bars) - 1 + margin))
@@ -218,7 +227,7 @@ def ranked_gains(diagnosis: Diagnosis, count: int = _MOST_EFFECTS, *, ax: Axes |
     threshold = diagnosis.scores.threshold(FIRST_EFFECT_LEVEL)
     false_alarms = f"{100 * FIRST_EFFECT_LEVEL:g} % false-alarm rate"
     ax.axvline(threshold, color=RED, ls="--", lw=1.0, label=f"threshold, {false_alarms}")
-    ax.set_yticks(range(len(rows)), [row.label for row in rows])
+    ax.set_yticks(range(len(rows)), [as_drawn(row.label) for row in rows])
     ax.set(
         xscale="log",
         xlabel=r"gain: decrease of $-2 \log L$ (-); dots: expected",
@@ -256,7 +265,7 @@ def cosine_similarity(
         text = f"{min(cosine[i, j], 0.99):.2f}"[1:] if i != j else "1"
         colour = text_colour_on(mesh.to_rgba(cosine[i, j]))
         ax.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=6.5, color=colour, gid=KEEP_COLOUR)
-    labels = [diagnosis.problem.label(scores.candidates[k].effect_parameters.effect) for k in candidates]
+    labels = [as_drawn(diagnosis.problem.label(scores.candidates[k].effect_parameters.effect)) for k in candidates]
     ticks = np.arange(len(candidates)) + 0.5
     ax.set_xticks(ticks, labels, rotation=40, ha="right", rotation_mode="anchor")
     ax.set_yticks(ticks, labels)
@@ -301,7 +310,7 @@ def size_by_window(diagnosis: Diagnosis, named: NamedEffect, *, ax: Axes | None 
     agreement = f"; {windows.informative_windows} of {len(windows.size)} quarters are informative"
     if windows.informative_windows > 1:
         agreement = f"; equal in all quarters: p = {windows.p_value:.2g}"
-    ax.set_title(f"{diagnosis.problem.label(named.effect_parameters.effect)}, 95 %{agreement}", wrap=True)
+    ax.set_title(f"{as_drawn(diagnosis.problem.label(named.effect_parameters.effect))}, 95 %{agreement}", wrap=True)
     legend_above(ax)
     return ax
 

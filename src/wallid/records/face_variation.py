@@ -100,8 +100,8 @@ def _periodogram(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray
     theta = 2.0 * np.pi * (_FIRST_FREQUENCY + np.arange(len(power))) / len(values)
     edges = np.unique(np.round(np.geomspace(1, len(power), _MOST_FREQUENCIES)).astype(int)) - 1
     count = np.diff(np.append(edges, len(power)))
-    means = (np.add.reduceat(column, edges) / count for column in (theta, power))
-    return *means, count / _TAPER_BANDWIDTH
+    mean_theta, mean_power = (np.add.reduceat(column, edges) / count for column in (theta, power))
+    return mean_theta, mean_power, count / _TAPER_BANDWIDTH
 
 
 def _parts(theta: np.ndarray, smooth: float, smooth_rate: float, rough: float, rough_rate: float) -> np.ndarray:

@@ -68,9 +68,9 @@ class LearnedModel(eqx.Module):
 
     def __str__(self) -> str:
         return (
-            f"Reduced-order model of order {self.system.order}, learned in {self.steps} steps: "
-            f"eps_inf {self.eps_inf[0]:.1e} (u), {self.eps_inf[1]:.1e} (theta), dimensionless; "
-            f"condition of the basis {self.condition:.0e}"
+            f"Reduced-order model of order {self.system.order}, learned in {self.steps} steps: largest error over the "
+            f"training signals {self.eps_inf[0]:.1e} of the temperature, {self.eps_inf[1]:.1e} of the sensitivity "
+            f"(dimensionless); condition number of the modes' basis {self.condition:.0e}"
         )
 
 

@@ -66,10 +66,10 @@ def _estimate_caption(run: Run) -> str:
     if not run.case.sensors:
         return "Convergence of the estimate, and the relative changes of cost and diffusivity that stop the iteration."
     return (
-        "Top: convergence of the diffusivity, and the relative changes of cost and diffusivity that stop the "
-        "iteration; the dotted line is the start of the generalised least-squares (GLS) fit. Bottom: measured and "
-        "simulated temperatures in the window, and the residual. Shaded: 95 % "
-        "interval of a reading, from the stated sensor noise and the standard error of the diffusivity."
+        "Top: measured and simulated temperatures in the window, and the residual. Shaded: 95 % interval of a reading, "
+        "from the stated sensor noise and the standard error of the diffusivity. Bottom: convergence of the "
+        "diffusivity, and the relative changes of cost and diffusivity that stop the iteration; the dotted line is the "
+        "start of the generalised least-squares (GLS) fit."
     )
 
 
@@ -169,9 +169,14 @@ def _residuals_caption(run: Run) -> str:
 
 def _missing_caption(run: Run) -> str:
     effects = ", and its decrease with each effect" if run.diagnosis is not None and run.diagnosis.after.active else ""
+    if run.diagnosis is not None and run.diagnosis.verdict == "adequate":
+        return (
+            "Root mean square of the residual of the plain model; the dashed line is the value expected from noise "
+            "alone, the diamond the value on days that the fit did not use."
+        )
     return (
         f"Top: root mean square of the residual of the plain model{effects}; the dashed line is the value expected "
-        "from noise alone, diamonds are values on days that were held out of the fit. Bottom: gain (decrease of −2 "
+        "from noise alone, diamonds are values on days that the fit did not use. Bottom: gain (decrease of −2 "
         "log L) of each effect added alone to the plain model; effects left of the dashed line are not significant."
         f"{_refused(run.diagnosis)}"
     )

@@ -19,7 +19,7 @@ from ..discrepancy.residual_tests import ResidualTests
 from ..estimation.diffusivity import sensitivity_in_kelvin
 from ..models.flux_plates import plate_outputs
 from ..models.window_inputs import full_order_model
-from ..plot.legends import shared_legend
+from ..plot.legends import legend_below, shared_legend
 
 if TYPE_CHECKING:
     from ..estimation.many_windows import CampaignEstimate
@@ -190,11 +190,11 @@ def _design_figure(run: Run) -> Figure:
 def _estimate_figure(run: Run) -> Figure:
     assert run.fit is not None
     figure, axes = plot.figure(2, 2, width=9.0, height=3.0)
-    plot.convergence(run.fit, axes=axes[0])
+    plot.convergence(run.fit, axes=axes[1])
     sensitivity = sensitivity_in_kelvin(full_order_model(run.case), run.case, run.fit.window, run.fit.value)
-    plot.measured_against_simulated(run.case, run.fit, sensitivity, legend=False, ax=axes[1, 0])
-    plot.residual(run.case, run.fit, sensitivity, legend=False, ax=axes[1, 1])
-    shared_legend(figure, axes[1, 0])
+    plot.measured_against_simulated(run.case, run.fit, sensitivity, legend=False, ax=axes[0, 0])
+    plot.residual(run.case, run.fit, sensitivity, legend=False, ax=axes[0, 1])
+    legend_below(axes[0, 0])
     return figure
 
 
@@ -265,7 +265,7 @@ def _uncertainty_figure(run: Run) -> Figure:
 def diagnosis_figures(diagnosis: Diagnosis) -> Iterator[tuple[str, Figure]]:
     """Each figure of a diagnosis with the name of its file; without effects, each has one panel, of the plain model.
 
-    The similarity of the effects is left out where the verdict is adequate: all effects are chance then.
+    The gains and the similarity of the effects are left out where the verdict is adequate: all effects are chance then.
     """
     with plot.style():
         yield "missing", _missing_figure(diagnosis)
@@ -293,6 +293,10 @@ def _models(diagnosis: Diagnosis) -> list[tuple[str, EffectFit, ResidualTests]]:
 
 
 def _missing_figure(diagnosis: Diagnosis) -> Figure:
+    if diagnosis.verdict == "adequate":  # every gain is chance then
+        figure, ax = plot.figure(width=8.0, height=3.2)
+        plot.waterfall(diagnosis, ax=ax)
+        return figure
     figure, axes = plot.figure(2, 1, width=8.0, height=3.2)
     plot.waterfall(diagnosis, ax=axes[0])
     plot.ranked_gains(diagnosis, ax=axes[1])

@@ -51,7 +51,9 @@ def next_steps(run: Run) -> list[str]:
     elif run.fit is not None and run.case.sensors and not run.fit.reason:
         steps.append("use the value; `wallid diagnose` tests each effect of the library more closely")
     if run.fit is not None and run.fit.thermal is not None:
-        steps += [f"{one.face} plate: {text}" for one in run.fit.thermal.average_methods for text in _unmet(one)]
+        if not run.case.sensors and not run.fit.reason:
+            steps.insert(0, "use R and U with their intervals; they count the heat that the wall stores")
+        steps += [text for one in run.fit.thermal.average_methods for text in _unmet(one)]
     if run.fit is None and run.campaign is None and run.design is not None:
         steps.append("measure on the days of the design, or run `wallid estimate` on them")
     return steps
@@ -59,19 +61,29 @@ def next_steps(run: Run) -> list[str]:
 
 def _unmet(average: Any) -> list[str]:
     """What the average method of ISO 9869-1 still asks for."""
-    return [] if average.complete else ["the average method of ISO 9869-1 is not complete; record more days for it"]
+    if average.complete:
+        return []
+    rules = "; ".join(average.unmet_rules) or "the mean flux is zero"
+    return [
+        f"where a result by the average method of ISO 9869-1 is required, record more days: at the {average.face} "
+        f"plate its rules are not met ({rules})"
+    ]
 
 
 def _after_diagnosis(found: Diagnosis) -> list[str]:
     steps = [mixup.words for mixup in found.mixups]
     if found.verdict in ("named", "confusable"):
+        if found.effects:
+            effects = "effect" if len(found.effects) == 1 else "effects"
+            steps.append(f"use the diffusivity with the {effects} in the model; that of the plain model is biased")
+        else:
+            steps.append("use the diffusivity, which is that of the corrected record")
         for named in found.effects:
             effect = named.effect_parameters.effect
-            if remedy := _REMEDIES.get(effect.name):
-                steps.append(remedy.format(target=found.problem.target_name(effect) or ""))
             if named.alternatives:
                 steps.append(separating_measurement(named))
-        steps.append("use the diffusivity with the effects; the plain model's is biased")
+            if remedy := _REMEDIES.get(effect.name):
+                steps.append(f"on the wall: {remedy.format(target=found.problem.target_name(effect) or '')}")
     elif found.verdict == "adequate":
         steps.append("use the value, with its interval")
     elif found.verdict == "unnamed":
@@ -90,7 +102,7 @@ def relation_of_diffusivities(run: Run) -> str:
     """How the diffusivities of a page are related; empty where there is only one."""
     if run.diagnosis is None or (run.fit is None and run.campaign is None and not run.diagnosis.effects):
         return ""
-    text = "All are of the same wall. "
+    text = "All these values are of the same wall. "
     if run.fit is not None:
         text += "The value of the best window uses its few days only, that of the entire record all of them. "
     if run.diagnosis.effects:
@@ -116,7 +128,7 @@ def implications(run: Run, entry: dict[str, Any] | None) -> list[str]:
     if not run.case.sensors:
         return []
     if names := materials_like(low, high):
-        lines.append(f"Such a diffusivity have: {', '.join(names)}.")
+        lines.append(f"Materials with such a diffusivity: {', '.join(names)}.")
     k, c = wall.conductivity, wall.heat_capacity
     if c is not None and k is None:
         ends = [c * alpha for alpha in (low, entry["value"], high)]

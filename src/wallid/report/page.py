@@ -16,8 +16,12 @@ from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from .._internal.number_formats import format_number, format_text, format_unit
+from .._internal.number_formats import format_interval, format_quantity, format_text
+from .._internal.units import DAY
+from .._internal.visible_text import visible_text
 from ..discrepancy.effects.catalogue import untestable
+from ..estimation.heat_flux import SURFACES_TEXT
+from ..experiment_design.window_selection import ExpectedErrors
 from .captions import alternative_text, figure_caption
 from .figures import narrow_figures
 from .next_steps import implications, next_steps, relation_of_diffusivities
@@ -27,9 +31,14 @@ from .svg import DrawnFigure, data_uris, draw_figure
 from .tables import number_tables
 
 if TYPE_CHECKING:
+    from markupsafe import Markup
+
+    from ..estimation.result_objects import Estimate
+    from ..experiment_design.window_selection import Design
     from ..workflow import Run
 
 _PACKAGES = ("wallid", "jax", "equinox", "diffrax", "optimistix", "numpy", "scipy", "matplotlib", "pandas")
+_RANKED_ROWS = 10
 _LARGEST_RATIO = 1.25  # of the residual to the stated noise, above which the model does not fit the readings
 
 _BADGES = {
@@ -72,19 +81,24 @@ def render_page(run: Run, result: dict[str, Any], figures: Sequence[DrawnFigure]
         command: command line that made the page; empty where there was none.
     """
     values = diffusivities(run, result) if run.case.sensors else []
-    return _template().render(
+    ranked = () if run.diagnosis is None else run.diagnosis.table
+    shown = 0 if result["verdict"] == "adequate" else _RANKED_ROWS  # all is chance in an adequate record
+    steps = [f"{step[:1].upper()}{step[1:]}".rstrip(".") + "." for step in next_steps(run)]
+    text = _template().render(
         run=run,
         case=run.case,
         diagnosis=run.diagnosis,
-        ranked=() if run.diagnosis is None else run.diagnosis.table,
+        ranked=ranked[:shown],
+        other_ranked=ranked[shown:],
         result=result,
         verdict=result["verdict"],
         badge=_badge(run, result),
-        headline=values[0] if values else _resistance(result),
+        headlines=values[:1] if run.case.sensors else _resistance_and_transmittance(result),
+        values=values,
         other_values=values[1:],
         relation=format_text(relation_of_diffusivities(run)),
         implications=[format_text(line) for line in implications(run, _reliable(run, values))],
-        steps=[format_text(f"{step[:1].upper()}{step[1:]}".rstrip(".") + ".") for step in next_steps(run)],
+        steps=[_with_code(format_text(step)) for step in steps],
         first_figure=_first_figure(run),
         answer=answer(run, result),
         figures=_page_figures(run, figures),
@@ -95,6 +109,7 @@ def render_page(run: Run, result: dict[str, Any], figures: Sequence[DrawnFigure]
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         untestable=_untestable(run),
     )
+    return visible_text(text)
 
 
 def with_links(text: str, links: dict[str, str]) -> str:
@@ -116,7 +131,7 @@ def _reliable(run: Run, values: list[tuple[str, dict[str, Any]]]) -> dict[str, A
 def _first_figure(run: Run) -> str:
     """The figure that shows the answer."""
     if run.diagnosis is not None:
-        return "missing"
+        return "fit" if run.diagnosis.verdict == "adequate" else "missing"
     if run.fit is not None:
         return "estimate" if run.case.sensors else "flux"
     return "campaign" if run.campaign is not None else "record" if run.check is not None else "design"
@@ -149,10 +164,21 @@ def diffusivities(run: Run, result: dict[str, Any]) -> list[tuple[str, dict[str,
     return [(name, entry) for name, entry in values if entry["value"] is not None]
 
 
-def _resistance(result: dict[str, Any]) -> tuple[str, dict[str, Any]] | None:
-    """Name and entry of the thermal resistance, which flux plates alone determine."""
-    entry = result.get("resistance")
-    return None if entry is None or entry["value"] is None else ("Thermal resistance, face to face", entry)
+def _resistance_and_transmittance(result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """Name and entry of the thermal resistance and of the U-value, which flux plates alone determine."""
+    names = {
+        "resistance": "Thermal resistance R, from face to face",
+        "transmittance": f"U-value, {SURFACES_TEXT}",
+    }
+    entries = [(format_text(name), result.get(key)) for key, name in names.items()]
+    return [(name, entry) for name, entry in entries if entry is not None and entry["value"] is not None]
+
+
+def _with_code(text: str) -> Markup:
+    """A text with what stands between backticks as code."""
+    from markupsafe import Markup
+
+    return Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(text, quote=False)))
 
 
 def answer(run: Run, result: dict[str, Any]) -> str:
@@ -177,13 +203,29 @@ def _answer(run: Run, result: dict[str, Any]) -> str:
         )
     if run.fit is not None and run.fit.thermal is not None:
         thermal = run.fit.thermal
-        return (
-            f"The resistance of the wall from face to face is {thermal.resistance}. With the standard surface "
-            f"resistances, its U-value is {thermal.transmittance}. {_flux_misfit(result)}"
+        values = (
+            ""
+            if not run.case.sensors
+            else (
+                f"The resistance of the wall from face to face is {thermal.resistance}. Its U-value is "
+                f"{thermal.transmittance}, {SURFACES_TEXT}. "
+            )
         )
+        return f"{values}{_flux_misfit(run.fit, result)}"
     if run.fit is not None:
         return f"The window determines the diffusivity, provided that the model is valid. {_misfit(result)}"
-    return "" if run.design is None else str(run.design).splitlines()[0]
+    return "" if run.design is None else _design_sentence(run.design)
+
+
+def _design_sentence(design: Design) -> str:
+    if not design.informative:
+        return str(design)
+    days, (begin, end) = design.rows * design.step / DAY, (label[:16].replace("T", " ") for label in design.labels)
+    errors = design.errors or ExpectedErrors(design.expected_relative_std)
+    return (
+        f"The most informative {days:.3g} days of this record are from {begin} to {end}. From them a standard error of "
+        f"{errors} is expected."
+    )
 
 
 def _misfit(result: dict[str, Any]) -> str:
@@ -204,13 +246,21 @@ def _misfit(result: dict[str, Any]) -> str:
     )
 
 
-def _flux_misfit(result: dict[str, Any]) -> str:
-    """Whether the residual of the fluxes exceeds the stated noise of the plates."""
+def _flux_misfit(fit: Estimate, result: dict[str, Any]) -> str:
+    """Whether the residual of the fluxes exceeds the stated noise of plates and faces."""
     rms, noise = (result["flux_gap"][key] for key in ("after_W_per_m2", "floor_W_per_m2"))
-    residual = f"The root mean square of the flux residual is {rms:.2g} W/m2."
-    if rms <= _LARGEST_RATIO * noise:
-        return f"{residual} The stated noise of {noise:.2g} W/m2 explains it."
-    return f"{residual} The stated noise explains only {noise:.2g} W/m2; the interval includes the misfit."
+    residual = f"Simulated and measured fluxes differ by {rms:.2g} W/m2 (root mean square)."
+    expected = f"the stated noise of plates and faces gives {noise:.2g} W/m2"
+    if rms > _LARGEST_RATIO * noise:
+        return (
+            f"{residual} That is more than {expected.replace(' gives', ', which gives')}; the interval counts the rest."
+        )
+    if fit.reduced_chi_square > _LARGEST_RATIO**2:
+        return (
+            f"{residual} Although {expected}, the difference is slower than noise from reading to reading; the "
+            "interval is that of the difference as found."
+        )
+    return f"{residual} That is within the noise: {expected}."
 
 
 def _untestable(run: Run) -> dict[str, str]:
@@ -251,6 +301,7 @@ def _template() -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": format_number, "unit": format_unit, "prose": format_text}
+    environment.filters |= {"prose": format_text, "interval": format_interval}
+    environment.filters["value"] = lambda entry: format_quantity(entry | {"interval_95": None})
     environment.filters["percent"] = lambda share: f"{100 * share:+.1f} %".replace("-", "−")
     return environment.get_template("report.html")

@@ -15,6 +15,7 @@ from ..estimation.heat_flux import ThermalProperties
 from ..estimation.many_windows import CampaignEstimate
 from ..estimation.pooled_mean import PooledMean
 from ..estimation.result_objects import Estimate
+from ..experiment_design.window_selection import ExpectedErrors
 from ..inference.identifiability import COLLINEAR
 from ..inference.quantity import Quantity
 from ..models.flux_plates import flux_noise_std
@@ -108,9 +109,9 @@ def _fit(run: Run, fit: Estimate) -> dict[str, Any]:
     entries["interval"], entries["advice"] = _interval(fit), list(fit.advice)
     entries |= _identifiability(fit)
     if fit.thermal is not None:
-        rms = np.sqrt(np.nanmean(fit.residual[:, fit.sensor_count :] ** 2))
+        floor = fit.expected_rms(flux=True) if fit.noise_rms else flux_noise_std(run.case)
         entries |= _thermal(fit.thermal)
-        entries["flux_gap"] = {"after_W_per_m2": rms, "floor_W_per_m2": flux_noise_std(run.case)}
+        entries["flux_gap"] = {"after_W_per_m2": fit.rms(flux=True), "floor_W_per_m2": floor}
     return entries
 
 
@@ -123,7 +124,7 @@ def _gap(run: Run, fit: Estimate) -> dict[str, Any] | None:
     return {
         "before_K": rms,
         "after_K": rms,
-        "floor_K": _noise_rms(run, residual),
+        "floor_K": fit.expected_rms() if fit.noise_rms else _noise_rms(run, residual),
         "held_out_before_K": None,
         "held_out_after_K": None,
     }
@@ -253,13 +254,15 @@ def _design(run: Run) -> dict[str, Any]:
     """Entries of the design: criterion, windows, placement of further sensors, and sampling steps."""
     design, placement, sampling = run.design, run.sensor_placement, run.sampling
     assert design is not None
+    errors = design.errors or ExpectedErrors(design.expected_relative_std)
     entries: dict[str, Any] = {
         "criterion": design.criterion_name,
         "of": design.of,
         "robust": design.robust,
         "full": design.full,
         "diffusivities": design.diffusivities,
-        "expected_relative_std": design.expected_relative_std,
+        "expected_relative_std": errors.diffusivity,
+        **({"expected_relative_std_of_resistance": errors.resistance} if math.isfinite(errors.resistance) else {}),
         "starts": {
             "start": [run.case.record.stamp(row) for row in design.starts],
             "criterion": design.relative_criterion,
