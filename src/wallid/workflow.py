@@ -6,13 +6,14 @@ import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
 
 from ._internal.errors import InputError
 from .case.case_definition import Case
+from .case.mixups import Mixup, visible_mixups
 from .case.record_check import RecordCheck, check
 from .case.time_window import Window, diagnosis_window, entire_record
 from .discrepancy.diagnosis_result import Diagnosis
@@ -89,6 +90,12 @@ class Run:
     check: RecordCheck | None = None
     seconds: dict[str, float] = field(default_factory=dict)
 
+    @cached_property
+    def visible_mixups(self) -> tuple[Mixup, ...]:
+        """Mix-ups of columns, units and clocks that are certain without a model; a diagnosis has its own."""
+        estimated = (self.fit or self.campaign) is not None and self.diagnosis is None
+        return visible_mixups(self.case) if estimated else ()
+
     @property
     def unreliable_reason(self) -> str:
         """Why the result is unreliable; empty if it is reliable, or if the stages give no result."""
@@ -96,6 +103,8 @@ class Run:
             return self.diagnosis.sentence if self.diagnosis.verdict == "uninformative" else ""
         estimate = self.fit or self.campaign
         if estimate is not None:
+            if self.visible_mixups:
+                return "; ".join(mixup.words for mixup in self.visible_mixups)
             return estimate.reason or ("" if self.screening is None else self.screening.missing)
         if self.check is not None:
             return "; ".join(self.check.stops)

@@ -22,6 +22,7 @@ from ..inference.parametric_bootstrap import bootstrap
 from ..inference.physical_bounds import HIGHEST, LOWEST, clip_to_physical, limited_log_std
 from ..inference.quantity import NORMAL_95, Quantity, lognormal
 from ..inference.validity import (
+    FAR_LARGER,
     noise_advice,
     noise_ratio,
     why_contradicted,
@@ -176,6 +177,8 @@ def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[
     singular = np.linalg.svd(best_fit.jacobian, compute_uv=False) if best_fit.finite else np.array([np.nan])
     bounds = float(best_fit.problem.lowest), float(best_fit.problem.highest)
     reason = why_unreliable(case, value, (ends[0], ends[1]), singular, bool(best.converged), bounds)
+    if reason and noise_ratio(best_fit) > FAR_LARGER:  # the window is informative: its model is wrong
+        reason = why_noisier(best_fit)
     reason = reason or why_too_coarse(shift, std_log) or why_weak_signal(case, best_fit)
     reason = reason or why_contradicted(case, best_fit) or why_not_constant(best_fit) or why_noisier(best_fit)
     covariance = best_fit.covariance.copy()

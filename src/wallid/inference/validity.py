@@ -18,7 +18,9 @@ _MIN_SHARE, _MAX_SHARE = 0.01, 0.5  # bounds of the smallest detectable share of
 _MIN_RANGE = 100.0  # ratio of the bounds of a search, where a wall is too thick or too thin for its record
 _MAX_PRIOR_RESIDUAL = 4.0  # prior standard deviations: an instrument error is hardly ever larger
 _CONSTANCY_LEVEL = 0.01  # significance level of the test of a constant diffusivity
-_FAR_LARGER, _LARGER, _SMALLER = 3.0, 1.4, 0.5  # noise found over noise stated; with true ones it is 0.7 to 1.3
+FAR_LARGER = 3.0
+"""Noise found over noise stated, from which on the model is wrong, whatever else is found."""
+_LARGER, _SMALLER = 1.4, 0.5  # noise found over noise stated; with true ones it is 0.7 to 1.3
 _REMEMBERED = 0.3  # share of autocorrelated noise in the variance, from which an excess is no noise of a sensor
 
 
@@ -173,7 +175,7 @@ def why_noisier(fit: GLSFit) -> str:
     if fit.robust is not None or not ratio > _LARGER:
         return ""
     share = fit.noise.autocorrelated / (fit.noise.white + fit.noise.autocorrelated)
-    if ratio < _FAR_LARGER and share < _REMEMBERED:
+    if ratio < FAR_LARGER and share < _REMEMBERED:
         return ""
     remembered = f", {share:.0%} of its variance correlated from row to row" if share >= _REMEMBERED else ""
     return (

@@ -42,16 +42,17 @@ def next_steps(run: Run) -> list[str]:
         return [*run.check.stops, *(() if run.check.stops else ("Run `wallid run` on the case.",))]
     if run.diagnosis is not None:
         return _after_diagnosis(run.diagnosis)
-    steps = list(run.fit.advice) if run.fit is not None else []
+    steps = [mixup.words for mixup in run.visible_mixups]
+    steps += run.fit.advice if run.fit is not None else ()
     missing = run.screening is not None and run.screening.missing
     if run.fit is not None and run.fit.reason and "wallid diagnose" not in run.fit.reason:
         steps.append("take days with larger variations of the face temperatures, a longer window, or a further sensor")
     if missing or (run.fit is not None and "wallid diagnose" in run.fit.reason):
         steps.append("run `wallid diagnose` on the case: it names the missing effect and corrects the diffusivity")
-    elif run.fit is not None and run.case.sensors and not run.fit.reason:
+    elif run.fit is not None and run.case.sensors and not run.unreliable_reason:
         steps.append("use the value; `wallid diagnose` tests each effect of the library more closely")
     if run.fit is not None and run.fit.thermal is not None:
-        if not run.case.sensors and not run.fit.reason:
+        if not run.case.sensors and not run.unreliable_reason:
             steps.insert(0, "use R and U with their intervals; they count the heat that the wall stores")
         steps += [text for one in run.fit.thermal.average_methods for text in _unmet(one)]
     if run.fit is None and run.campaign is None and run.design is not None:

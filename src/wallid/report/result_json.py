@@ -36,6 +36,8 @@ def result_entries(run: Run) -> dict[str, Any]:
     entries |= {"diffusivity": diffusivity, "diffusivity_before": diffusivity}
     entries["verdict"] = "uninformative" if run.unreliable_reason else None
     entries |= {"effects": [], "gap": None, "iterations": None, "reason": run.unreliable_reason or None}
+    if run.visible_mixups:
+        entries["mixups"] = [mixup.to_dict() for mixup in run.visible_mixups]
     if run.fit is not None:
         entries |= _fit(run, run.fit)
     if run.campaign is not None:
