@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from ._internal.errors import InputError
+from ._internal.html import html_text
+from ._internal.progress import Progress, shown_progress
+from ._internal.result_object import ResultObject, plain_value
 from .case.case_definition import Case
 from .case.record_check import RecordCheck, check
 from .case.time_window import Window, diagnosis_window, entire_record
@@ -27,6 +30,7 @@ from .experiment_design.sampling_step import SamplingComparison, compare_samplin
 from .experiment_design.sensor_placement import SensorPlacement, place_sensors
 from .experiment_design.window_lengths import LengthComparison, compare_lengths, days_within
 from .experiment_design.window_selection import Design, design
+from .inference.quantity import Quantity, quantity_frame
 from .models.flux_plates import fluxes_of
 from .models.integration import Integrator
 from .models.state_space import StateSpace
@@ -34,8 +38,8 @@ from .models.window_inputs import full_order_model
 from .reduction.modal_identification import LearnedModel, sweep_orders
 from .reduction.training_signals import learn, training_signals
 
-Progress = Callable[[str, float], None]
-"""Called at the beginning of each step with its text and the completed share of the work, 0 to 1."""
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 STAGES = ("design", "learn", "orders", "estimate", "reliability", "screening", "lengths")
 """The default stages of a run. `orders`: error of the reduced-order model against its order. `reliability`: prediction
@@ -66,7 +70,7 @@ class DesignOptions:
 
 
 @dataclass
-class Run:
+class Run(ResultObject):
     """The results of a run; None for stages that were not run.
 
     Args:
@@ -109,6 +113,30 @@ class Run:
             return "; ".join(self.check.stops)
         return str(self.design) if self.design is not None and not self.design.informative else ""
 
+    @property
+    def parts(self) -> dict[str, Any]:
+        """The results of the stages that were run, by name, in the order of the method."""
+        names = ("design", "lengths", "sensor_placement", "sampling", "learned", "fit", "campaign", "screening")
+        results = {name: getattr(self, name) for name in (*names, "prediction", "diagnosis", "check")}
+        return {name: one for name, one in results.items() if one is not None}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The case, each result by its name, why the run is unreliable, and the seconds of the stages."""
+        reason = {"unreliable_reason": self.unreliable_reason}
+        return plain_value({"case": self.case} | self.parts | reason | {"seconds": self.seconds})
+
+    def to_frame(self) -> DataFrame:
+        """One row for each estimated quantity; the diffusivity is that of the diagnosis, if there is one."""
+        quantities: dict[str, Quantity] = {}
+        for result in (self.campaign, self.fit, self.diagnosis):
+            quantities |= {} if result is None else result.quantities
+        return quantity_frame(quantities)
+
+    def _repr_html_(self) -> str:
+        reason = self.unreliable_reason
+        title = html_text(f"Not to be relied on: {reason}" if reason else f"Run of {self.case.name}")
+        return "".join([title, self.case._repr_html_(), *(one._repr_html_() for one in self.parts.values())])
+
     def __str__(self) -> str:
         parts: list[Any] = [self.case]
         if self.unreliable_reason and self.diagnosis is None and (self.fit or self.campaign) is not None:
@@ -136,7 +164,7 @@ def run(
     integrator: Integrator = "propagator",
     draws: int = 0,
     design_options: DesignOptions = DesignOptions(),
-    progress: Progress = lambda stage, share: None,
+    progress: Progress | None = None,
 ) -> Run:
     """Run stages of the method on a case, in the order of the method.
 
@@ -149,14 +177,31 @@ def run(
         integrator: time integration in the design, the learning and the estimate.
         draws: number of simulated records in the bootstrap of the interval; 0 for no bootstrap.
         design_options: of the experiment design.
-        progress: called at the beginning of each step.
+        progress: called as `progress(text, share)` with the step that begins and the completed share, 0 to 1;
+            None for a bar in a notebook, and nothing elsewhere.
 
     Raises:
         InputError: the case or an option does not permit a stage.
     """
-    result = Run(case)
     _check_orders(case, orders)
     check_draws(draws, weights)
+    with shown_progress(progress) as report:
+        return _run_stages(case, stages, window, orders, weights, integrator, draws, design_options, report)
+
+
+def _run_stages(
+    case: Case,
+    stages: Sequence[str],
+    window: Window | None,
+    orders: Sequence[int],
+    weights: Literal["noise", "none"],
+    integrator: Integrator,
+    draws: int,
+    design_options: DesignOptions,
+    progress: Progress,
+) -> Run:
+    """Run the stages of `run`, which reports their progress."""
+    result = Run(case)
     begin = _StageProgress(stages, len(orders), progress)
     if "check" in stages:
         begin("check", "check: the record")
@@ -165,9 +210,7 @@ def run(
     if "campaign" in stages:
         begin("campaign", "estimate: all windows")
         with result.timed("campaign"):
-            result.campaign = campaign(
-                case, progress=lambda k, of: begin.within(f"estimate: window {k + 1} of {of}", k / of)
-            )
+            result.campaign = campaign(case, progress=begin.within)
     if set(stages) - {"diagnose", "check", "campaign", "screening"}:
         _run_window_stages(result, stages, window, orders, weights, integrator, draws, begin, design_options)
     if "screening" in stages and "diagnose" not in stages and _can_be_screened(result):
@@ -178,7 +221,6 @@ def run(
         begin("diagnose", "diagnose: effects missing from the model")
         with result.timed("diagnose"):
             result.diagnosis = diagnose(case, progress=begin.within)
-    progress("done", 1.0)
     return result
 
 
@@ -218,7 +260,9 @@ class _StageProgress:
         self.within(text, 0.0)
 
     def within(self, text: str, share: float) -> None:
-        """Report the beginning of a step within the stage, after this share of the stage."""
+        """Report the beginning of a step within the stage, after this share of the stage; its end is not the run's."""
+        if text == "done":
+            return
         completed = self.before + share * (self.after - self.before)
         self.progress(text, completed / sum(self.work.values()))
 
@@ -252,7 +296,9 @@ def _run_window_stages(
         begin("learn", "learn: the reduced-order model")
         with result.timed("learn"):
             # with order "auto", the figure shows every order that is tried
-            result.learned = learn(case, window, integrator=integrator, on_try=result.orders.append)
+            result.learned = learn(
+                case, window, integrator=integrator, on_try=result.orders.append, progress=begin.within
+            )
         if orders or ("orders" in stages and not result.orders):
             begin("orders", "learn: error against order")
             with result.timed("orders"):
@@ -264,7 +310,9 @@ def _run_window_stages(
         bootstrap = f", then a bootstrap with {draws} records" if draws else ""
         begin("estimate", f"estimate: Gauss-Newton{bootstrap}")
         with result.timed("estimate"):
-            result.fit = estimate(case, window, model, weights=weights, integrator=integrator, draws=draws)
+            result.fit = estimate(
+                case, window, model, weights=weights, integrator=integrator, draws=draws, progress=begin.within
+            )
     # the prediction uses the plain wall, which is not the fitted model where further parameters were estimated
     if "reliability" in stages and result.fit is not None and not case.choices.free:
         begin("reliability", "reliability: prediction over the entire record")
@@ -305,7 +353,7 @@ def _compare_lengths(
     begin("lengths", "design: window lengths")
     with result.timed("lengths"):
         cost = None if model is None or fluxes_of(case) else partial(seconds_of_estimate, case, model=model)
-        result.lengths = compare_lengths(case, days, cost, **design_options.options)
+        result.lengths = compare_lengths(case, days, cost, progress=begin.within, **design_options.options)
 
 
 def _run_flux_stages(
@@ -329,7 +377,7 @@ def _run_flux_stages(
         return
     begin("estimate", "estimate: conductivity and heat capacity from the fluxes")
     with result.timed("estimate"):
-        result.fit = estimate(case, window, weights=weights, integrator=integrator, draws=draws)
+        result.fit = estimate(case, window, weights=weights, integrator=integrator, draws=draws, progress=begin.within)
 
 
 def _check_orders(case: Case, orders: Sequence[int]) -> None:
