@@ -60,7 +60,7 @@ def _column_name(name: Any) -> str:
 
 def _cell(value: Any) -> str:
     """A cell as text: four digits of a number, a dash for a missing value."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
+    if value is None or str(value) in ("nan", "<NA>", "NaT"):
         return "–"
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
