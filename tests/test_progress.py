@@ -150,7 +150,7 @@ from time import sleep
 from wallid._internal.progress import shown_progress
 with shown_progress(None) as report:
     report("working", 0.5)
-    sleep(2.0)
+    sleep(3.5)
 """
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell)])
     Watched(notebook, timeout=120).execute()

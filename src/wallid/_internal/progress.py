@@ -17,7 +17,7 @@ from typing import Any
 Progress = Callable[[str, float], None]
 """Called at the beginning of each step with its text and the completed share of the work, 0 to 1."""
 
-_FIRST_SHOWN = 0.5  # s; shorter work shows no bar
+_FIRST_SHOWN = 1.5  # s; shorter work shows no bar, which would leave an empty line
 _INTERVAL = 0.5  # s between two updates of the seconds
 _bar_is_open: ContextVar[bool] = ContextVar("bar_is_open", default=False)
 
