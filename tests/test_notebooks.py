@@ -1,20 +1,22 @@
 """The notebooks run, hold what they assert, and are kept without their outputs."""
 
-import os
+import ast
+import sys
 from pathlib import Path
 
 import nbformat
 import pytest
 from nbclient import NotebookClient
+from tests.conftest import DATA
 
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
 MEASURED = "06_measured_data"
 
 
-def execute(path):
-    """A notebook after all its cells, in a kernel of its own, from its own folder."""
+def execute(path, folder):
+    """A notebook after all its cells, in a kernel of its own, from an empty folder: it needs the package alone."""
     notebook = nbformat.read(path, as_version=4)
-    NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(path.parent)}}).execute()
+    NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(folder)}}).execute()
     return notebook
 
 
@@ -24,8 +26,20 @@ def printed(notebook):
     )
 
 
-def test_there_are_six():
-    assert [path.stem[:2] for path in NOTEBOOKS] == ["01", "02", "03", "04", "05", "06"]
+def test_there_are_seven():
+    assert [path.stem[:2] for path in NOTEBOOKS] == ["00", "01", "02", "03", "04", "05", "06"]
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_it_imports_nothing_from_beside_the_package(path):
+    code = [cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+    tree = ast.parse("\n".join(line for source in code for line in source.splitlines() if not line.startswith("%")))
+    modules = {
+        alias.name.split(".")[0] for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names
+    }
+    modules |= {str(node.module).split(".")[0] for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    known = {"jax", "matplotlib", "numpy", "pandas", "scipy", "wallid"}  # dependencies of the package
+    assert modules - known <= set(sys.stdlib_module_names) - {"sys", "subprocess"}
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -41,8 +55,9 @@ def test_it_is_a_lesson_without_outputs(path):
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_it_runs_and_its_key_numbers_hold(path):
-    notebook = execute(path)
+def test_it_runs_and_its_key_numbers_hold(path, tmp_path, monkeypatch):
+    monkeypatch.setenv("WALLID_DATA", str(DATA))
+    notebook = execute(path, tmp_path)
     figures = [out for cell in notebook.cells for out in cell.get("outputs", ()) if "image/png" in out.get("data", {})]
     assert len(figures) >= 2 or (path.stem == MEASURED and "skipped" in printed(notebook))
 
@@ -51,6 +66,16 @@ def test_it_runs_and_its_key_numbers_hold(path):
 def test_without_measured_records_it_says_so_and_does_nothing(monkeypatch, tmp_path, folders):
     for folder in folders:
         (tmp_path / folder).mkdir()
-    monkeypatch.setitem(os.environ, "WALLID_DATA", str(tmp_path if folders else tmp_path / "nowhere"))
-    said = printed(execute(next(path for path in NOTEBOOKS if path.stem == MEASURED)))
+    if folders:
+        monkeypatch.setenv("WALLID_DATA", str(tmp_path))
+    else:
+        monkeypatch.delenv("WALLID_DATA", raising=False)
+    said = printed(execute(next(path for path in NOTEBOOKS if path.stem == MEASURED), tmp_path))
     assert said.count("skipped") == 2 and said.count("WALLID_DATA") == 2
+    assert said.endswith("without borehole_248.csv and owall.csv: nothing was computed from them.\n")
+
+
+def test_measured_records_have_a_source_and_a_licence():
+    path = next(path for path in NOTEBOOKS if path.stem == MEASURED)
+    text = nbformat.read(path, as_version=4).cells[0].source
+    assert text.count("Source: ") == 2 and "Licence: CC BY 4.0" in text and "We do not know its licence" in text

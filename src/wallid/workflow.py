@@ -6,12 +6,15 @@ import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property, partial
-from typing import Any, Literal
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from ._internal.errors import InputError
+from ._internal.html import html_text
+from ._internal.progress import Progress, shown_progress
+from ._internal.result_object import ResultObject, plain_value
 from .case.case_definition import Case
 from .case.mixups import Mixup, visible_mixups
 from .case.record_check import RecordCheck, check
@@ -29,6 +32,7 @@ from .experiment_design.sampling_step import SamplingComparison, compare_samplin
 from .experiment_design.sensor_placement import SensorPlacement, place_sensors
 from .experiment_design.window_lengths import LengthComparison, compare_lengths, days_within
 from .experiment_design.window_selection import Design, design
+from .inference.quantity import Quantity, quantity_frame
 from .models.flux_plates import fluxes_of
 from .models.integration import Integrator
 from .models.state_space import StateSpace
@@ -36,8 +40,8 @@ from .models.window_inputs import full_order_model
 from .reduction.modal_identification import LearnedModel, sweep_orders
 from .reduction.training_signals import learn, training_signals
 
-Progress = Callable[[str, float], None]
-"""Called at the beginning of each step with its text and the completed share of the work, 0 to 1."""
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 STAGES = ("design", "learn", "orders", "estimate", "reliability", "screening")
 """The default stages of a run. `orders`: error of the reduced-order model against its order. `reliability`: prediction
@@ -68,7 +72,7 @@ class DesignOptions:
 
 
 @dataclass
-class Run:
+class Run(ResultObject):
     """The results of a run; None for stages that were not run.
 
     Args:
@@ -90,7 +94,7 @@ class Run:
     check: RecordCheck | None = None
     seconds: dict[str, float] = field(default_factory=dict)
 
-    @cached_property
+    @property
     def visible_mixups(self) -> tuple[Mixup, ...]:
         """Mix-ups of columns, units and clocks that are certain without a model; a diagnosis has its own."""
         estimated = (self.fit or self.campaign) is not None and self.diagnosis is None
@@ -109,6 +113,30 @@ class Run:
         if self.check is not None:
             return "; ".join(self.check.stops)
         return str(self.design) if self.design is not None and not self.design.informative else ""
+
+    @property
+    def parts(self) -> dict[str, Any]:
+        """The results of the stages that were run, by name, in the order of the method."""
+        names = ("design", "lengths", "sensor_placement", "sampling", "learned", "fit", "campaign", "screening")
+        results = {name: getattr(self, name) for name in (*names, "prediction", "diagnosis", "check")}
+        return {name: one for name, one in results.items() if one is not None}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The case, each result by its name, why the run is unreliable, and the seconds of the stages."""
+        reason = {"unreliable_reason": self.unreliable_reason}
+        return plain_value({"case": self.case} | self.parts | reason | {"seconds": self.seconds})
+
+    def to_frame(self) -> DataFrame:
+        """One row for each estimated quantity; the diffusivity is that of the diagnosis, if there is one."""
+        quantities: dict[str, Quantity] = {}
+        for result in (self.campaign, self.fit, self.diagnosis):
+            quantities |= {} if result is None else result.quantities
+        return quantity_frame(quantities)
+
+    def _repr_html_(self) -> str:
+        reason = self.unreliable_reason
+        title = html_text(f"Not to be relied on: {reason}" if reason else f"Run of {self.case.name}")
+        return "".join([title, self.case._repr_html_(), *(one._repr_html_() for one in self.parts.values())])
 
     def __str__(self) -> str:
         parts: list[Any] = [self.case]
@@ -141,7 +169,7 @@ def run(
     integrator: Integrator = "propagator",
     draws: int = 0,
     design_options: DesignOptions = DesignOptions(),
-    progress: Progress = lambda stage, share: None,
+    progress: Progress | None = None,
     finished: Finished = lambda run, stage: None,
 ) -> Run:
     """Run stages of the method on a case, in the order of the method.
@@ -155,24 +183,39 @@ def run(
         integrator: time integration in the design, the learning and the estimate.
         draws: number of simulated records in the bootstrap of the interval; 0 for no bootstrap.
         design_options: of the experiment design.
-        progress: called at the beginning of each step.
+        progress: called as `progress(text, share)` with the step that begins and the completed share, 0 to 1;
+            None for a bar in a notebook, and nothing elsewhere.
         finished: called at the end of each stage.
 
     Raises:
         InputError: the case or an option does not permit a stage.
     """
-    result = Run(case)
     _check_orders(case, orders)
     check_draws(draws, weights)
-    begin = _StageProgress(result, stages, len(orders), progress, finished)
+    with shown_progress(progress) as report:
+        begin = _StageProgress(Run(case), stages, len(orders), report, finished)
+        return _run_stages(begin, stages, window, orders, weights, integrator, draws, design_options)
+
+
+def _run_stages(
+    begin: _StageProgress,
+    stages: Sequence[str],
+    window: Window | None,
+    orders: Sequence[int],
+    weights: Literal["noise", "none"],
+    integrator: Integrator,
+    draws: int,
+    design_options: DesignOptions,
+) -> Run:
+    """Run the stages of `run`, which reports their progress."""
+    result = begin.run
+    case = result.case
     if "check" in stages:
         with begin("check", "check: the record"):
             result.check = check(case)
     if "campaign" in stages:
         with begin("campaign", "estimate: all windows"):
-            result.campaign = campaign(
-                case, progress=lambda k, of: begin.within(f"estimate: window {k + 1} of {of}", k / of)
-            )
+            result.campaign = campaign(case, progress=begin.within)
     if set(stages) - {"diagnose", "check", "campaign", "screening"}:
         _run_window_stages(result, stages, window, orders, weights, integrator, draws, begin, design_options)
     if "screening" in stages and "diagnose" not in stages and _can_be_screened(result):
@@ -181,7 +224,6 @@ def run(
     if "diagnose" in stages:
         with begin("diagnose", "diagnose: effects missing from the model"):
             result.diagnosis = diagnose(case, progress=begin.within)
-    progress("done", 1.0)
     return result
 
 
@@ -226,7 +268,9 @@ class _StageProgress:
         self.finished(self.run, stage)
 
     def within(self, text: str, share: float) -> None:
-        """Report the beginning of a step within the stage, after this share of the stage."""
+        """Report the beginning of a step within the stage, after this share of the stage; its end is not the run's."""
+        if text == "done":
+            return
         completed = self.before + share * (self.after - self.before)
         self.progress(text, completed / sum(self.work.values()))
 
@@ -259,7 +303,9 @@ def _run_window_stages(
     if "learn" in stages and case.choices.model == "mim" and not case.choices.free:
         with begin("learn", "learn: the reduced-order model"):
             # with order "auto", the figure shows every order that is tried
-            result.learned = learn(case, window, integrator=integrator, on_try=result.orders.append)
+            result.learned = learn(
+                case, window, integrator=integrator, on_try=result.orders.append, progress=begin.within
+            )
         if orders or ("orders" in stages and not result.orders):
             with begin("orders", "learn: error against order"):
                 result.orders = _models_by_order(case, window, result.learned, orders, integrator)
@@ -269,7 +315,9 @@ def _run_window_stages(
     if "estimate" in stages:
         bootstrap = f", then a bootstrap with {draws} records" if draws else ""
         with begin("estimate", f"estimate: Gauss-Newton{bootstrap}"):
-            result.fit = estimate(case, window, model, weights=weights, integrator=integrator, draws=draws)
+            result.fit = estimate(
+                case, window, model, weights=weights, integrator=integrator, draws=draws, progress=begin.within
+            )
     # the prediction uses the plain wall, which is not the fitted model where further parameters were estimated
     if "reliability" in stages and result.fit is not None and not case.choices.free:
         with begin("reliability", "reliability: prediction over the entire record"):
@@ -307,7 +355,7 @@ def _compare_lengths(
         return
     with begin("lengths", "design: window lengths"):
         cost = None if model is None or fluxes_of(case) else partial(seconds_of_estimate, case, model=model)
-        result.lengths = compare_lengths(case, days, cost, **design_options.options)
+        result.lengths = compare_lengths(case, days, cost, progress=begin.within, **design_options.options)
 
 
 def _run_flux_stages(
@@ -330,7 +378,7 @@ def _run_flux_stages(
             _compare_lengths(result, begin, design_options, None)
         return
     with begin("estimate", "estimate: conductivity and heat capacity from the fluxes"):
-        result.fit = estimate(case, window, weights=weights, integrator=integrator, draws=draws)
+        result.fit = estimate(case, window, weights=weights, integrator=integrator, draws=draws, progress=begin.within)
 
 
 def _check_orders(case: Case, orders: Sequence[int]) -> None:

@@ -98,9 +98,10 @@ def test_one_compilation_serves_all_windows(found):
     jax.monitoring.register_event_duration_secs_listener(count)
     longer = case_of([interval.DIFFUSIVITY] * 6, seed=9)
     seen = []
-    pooled = wallid.campaign(longer, progress=lambda done, of: seen.append((done, of)))
+    pooled = wallid.campaign(longer, progress=lambda text, share: seen.append((text, share)))
     jax.monitoring.clear_event_listeners()
-    assert len(pooled.windows) == 6 and seen == [(k, 6) for k in range(6)]
+    windows = [(f"estimate: window {k + 1} of 6", k / 6) for k in range(6)]
+    assert len(pooled.windows) == 6 and seen == [*windows, ("done", 1.0)]
     assert not compiled
 
 

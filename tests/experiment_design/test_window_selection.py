@@ -115,9 +115,9 @@ def test_the_window_of_a_whole_record(case):
 def test_lengths_hold_criterion_and_cost(case):
     seen = []
     found = wallid.experiment_design.compare_lengths(
-        case, [1.0, 3.0], lambda window: float(window.rows), on_length=seen.append
+        case, [1.0, 3.0], lambda window: float(window.rows), progress=lambda text, share: seen.append((text, share))
     )
-    assert seen == [1.0, 3.0]
+    assert seen[1:] == [("lengths: 1 d", 0.5), ("lengths: 3 d", 0.75), ("done", 1.0)]
     np.testing.assert_array_equal(found.seconds, [24.0, 72.0])
     assert found.criterion[1] == 1.0 and 0 < found.criterion[0] < 1
     four = wallid.experiment_design.compare_lengths(case, [1.0, 2.0, 3.0, 4.0], lambda window: float(window.rows))

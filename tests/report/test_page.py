@@ -313,7 +313,7 @@ def test_orders_tried_on_the_way_are_told(run, monkeypatch):
     """What "auto" goes through is an error against order that costs nothing more."""
     tried = LearnedModel(full_order_model(run.case), (1e-4, 2e-3), (1e-3, 2e-2), 1.0, 1)
 
-    def learn(case, window, *, integrator, on_try):
+    def learn(case, window, *, integrator, on_try, progress):
         on_try(tried)
         return tried
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, no_type_check
 
 import numpy as np
 
 from .._internal.errors import InputError
+from .._internal.html import Row, html_table
+from .._internal.result_object import ResultObject, plain_value
 from .._internal.validation import error_context, number, number_tuple, set_fields
 from ..records.dataframe_table import with_time_column
 from ..records.uniform_record import Record
@@ -39,8 +41,8 @@ class LearningSignal:
     """
 
     diffusivity: float
-    time: np.ndarray
-    faces: np.ndarray
+    time: np.ndarray = field(repr=False)
+    faces: np.ndarray = field(repr=False)
     coefficients: tuple[float, ...]
 
     def __post_init__(self) -> None:
@@ -52,7 +54,7 @@ class LearningSignal:
 
 
 @dataclass(frozen=True)
-class Case:
+class Case(ResultObject):
     """A wall, the record of its temperatures, and the options of the method.
 
     `load` reads a case from a TOML file, `Case.from_dataframe` takes a DataFrame. All that the file can state can also
@@ -162,12 +164,56 @@ class Case:
         elif noise_std is not None:
             raise InputError("noise_std is for sensors given as {column: position}; each Sensor has its own")
         check_sensors(wall, sensors)
+        choice_names = [one.name for one in fields(Choices)]
+        if unknown := [key for key in options if key not in (*RECORD_OPTIONS, *choice_names)]:
+            raise InputError(
+                f'unknown option "{unknown[0]}"; known are {", ".join((*RECORD_OPTIONS, *choice_names))}, '
+                "and the arguments of Case.from_dataframe"
+            )
         choices = parse_choices({k: value for k, value in options.items() if k not in RECORD_OPTIONS}, sensors)
         data, time = with_time_column(data, time)
         stated = {key: value for key, value in options.items() if key in RECORD_OPTIONS}
         table = parse_record({**(regressors or {}), **stated, "time": time, "left": left, "right": right})
         record = table.with_noise(table.read(data, sensors), sensors)
         return cls(name, Path(record.file), wall, tuple(sensors), record, choices, tuple(learning), description)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Wall, sensors, options and a description of the record, as plain values."""
+        names = ("name", "description", "wall", "sensors", "record", "choices")
+        return plain_value({name: getattr(self, name) for name in names})
+
+    def to_frame(self) -> DataFrame:
+        """The readings, one row for each time, as in `Record.to_frame`."""
+        return self.record.to_frame()
+
+    def _repr_html_(self) -> str:
+        wall, record = self.wall, self.record
+        rows: list[Row] = [
+            ("wall, length", f"{wall.length:g}", "", "m"),
+            ("prior diffusivity", f"{wall.diffusivity_prior:.3g}", "", "m2/s"),
+            ("outside", f"on the {wall.outside}", "", ""),
+        ]
+        rows += [
+            (f"layer {k + 1}", f"{one.thickness:g}", f"{one.conductivity:g} W/m/K, {one.heat_capacity:g} J/m3/K", "m")
+            for k, one in enumerate(wall.layers)
+        ]
+        rows += [
+            (
+                f"sensor {one.name}",
+                f"{one.position:g}",
+                f"position ± {1e3 * one.position_std:g} mm, noise {one.noise_std:g} K",
+                "m",
+            )
+            for one in self.sensors
+        ]
+        rows += [
+            ("rows of the record", str(record.rows), f"one every {record.step:g} s", ""),
+            ("first row", str(record.stamp(0)), "", ""),
+            ("last row", str(record.stamp(record.rows - 1)), "", ""),
+        ]
+        rows += [("regressors", ", ".join(record.regressors), "", "")] if record.regressors else []
+        rows += [("changes while reading", str(len(record.cleaning.steps)), "see case.record.cleaning", "")]
+        return html_table(self.name + (f": {self.description}" if self.description else ""), rows)
 
     def __str__(self) -> str:
         wall, choices = self.wall, self.choices

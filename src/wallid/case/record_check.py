@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._internal.errors import InputError
+from .._internal.result_object import ResultObject
 from ..records.uniform_record import Record
 from .case_definition import Case
 from .mixups import doubtful_places, visible_mixups
 from .time_window import MIN_FACE_RANGE, entire_record, window_rows
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 _EARLY_END = 0.05  # share of the record; a sensor without a reading in so long a last part has failed
 _FEW_READINGS = 0.5  # share of the readings that a sensor would have at its usual step
@@ -20,7 +24,7 @@ _MIN_SIGNAL_TO_NOISE = 5.0  # range of the face temperatures over the noise of t
 
 
 @dataclass(frozen=True)
-class RecordCheck:
+class RecordCheck(ResultObject):
     """Result of the check of a case.
 
     Args:
@@ -30,6 +34,16 @@ class RecordCheck:
 
     stops: tuple[str, ...]
     notes: tuple[str, ...]
+
+    def to_frame(self) -> DataFrame:
+        """One row for each stop and note: `kind`, "stop" or "note", and `text`."""
+        import pandas as pd
+
+        rows = [("stop", stop) for stop in self.stops] + [("note", note) for note in self.notes]
+        return pd.DataFrame(rows, columns=["kind", "text"])
+
+    def _html_title(self) -> str:
+        return f"Check: {len(self.stops)} reasons stop a run" if self.stops else "Check: nothing would stop a run"
 
     def __str__(self) -> str:
         lines = [f"note         {note}" for note in self.notes]

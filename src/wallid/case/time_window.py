@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from .._internal.errors import InputError
+from .._internal.result_object import ResultObject
 from .._internal.units import DAY
 from ..records.table_columns import MIN_ROWS
 from .case_definition import Case
@@ -14,7 +15,7 @@ MIN_FACE_RANGE = 1e-6  # K; a face temperature with a smaller range is constant
 
 
 @dataclass(frozen=True)
-class Window:
+class Window(ResultObject):
     """Consecutive rows of a record.
 
     Args:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._internal.number_formats import p_value_text, value_and_std
+from .._internal.result_object import ResultObject, plain_value
 from ..case.case_definition import Case
 from .acceptance import RESIDUAL_TEST_LEVEL
 from .candidate_fits import CandidateFits
@@ -21,7 +22,7 @@ SCREENING_LEVEL = 0.005
 
 
 @dataclass(frozen=True)
-class Screening:
+class Screening(ResultObject):
     """Whether the plain model explains the entire record.
 
     Args:
@@ -66,7 +67,7 @@ class Screening:
 
     def to_dict(self) -> dict[str, Any]:
         """The entries of result.json."""
-        return {
+        entries = {
             "missing": bool(self.missing),
             "score_p_value": self.score_p_value,
             "residual_p_value": self.residual_p_value,
@@ -75,6 +76,10 @@ class Screening:
             "size": {"value": self.size, "std": self.size_std, "unit": self.unit},
             "change_of_diffusivity": self.shift,
         }
+        return plain_value(entries)
+
+    def _html_title(self) -> str:
+        return self.missing or "The entire record shows no missing effect"
 
 
 def screen(case: Case) -> Screening:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
+from .._internal.progress import Progress, shown_progress
 from ..case.case_definition import Case
 from ..case.mixups import visible_mixups
 from ..estimation.materials import implausible
@@ -21,10 +21,8 @@ from .score_test import CandidateScores
 from .screening import screen, screening_of
 from .stepwise_selection import StepwiseSelection
 
-Progress = Callable[[str, float], None]
 
-
-def diagnose(case: Case, *, progress: Progress = lambda stage, share: None) -> Diagnosis:
+def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
     """Find the physical effects that the plain model misses in the record of a case.
 
     The plain model is fitted, every effect of the library is ranked by a score test, the best candidates are added
@@ -34,7 +32,8 @@ def diagnose(case: Case, *, progress: Progress = lambda stage, share: None) -> D
 
     Args:
         case: the case; its window is the entire record, or `[choices] diagnose_days`.
-        progress: called with the name of the stage that begins and the share of the work done, 0 to 1.
+        progress: called as `progress(text, share)` with the step that begins and the completed share, 0 to 1;
+            None for a bar in a notebook, and nothing elsewhere.
 
     Returns:
         The verdict, the named effects with their sizes, and the diffusivity with them in the model.
@@ -47,13 +46,13 @@ def diagnose(case: Case, *, progress: Progress = lambda stage, share: None) -> D
         >>> diagnosis = wallid.diagnose(wallid.load("case.toml"))
         >>> print(diagnosis.verdict, diagnosis.sentence)
     """
-    plain = _fit_plain_model(case, progress)
-    mixup = _complete_mixup(plain, progress)
-    found = _search(plain, progress) if mixup is None else _search_corrected(plain, mixup, progress)
-    if mixup is None and found.verdict != "adequate" and (equal := _equal_mixup(found, progress)) is not None:
-        found = _search_corrected(plain, equal, progress)
+    with shown_progress(progress) as report:
+        plain = _fit_plain_model(case, report)
+        mixup = _complete_mixup(plain, report)
+        found = _search(plain, report) if mixup is None else _search_corrected(plain, mixup, report)
+        if mixup is None and found.verdict != "adequate" and (equal := _equal_mixup(found, report)) is not None:
+            found = _search_corrected(plain, equal, report)
     others = (one for one in visible_mixups(case) if one.kind in ("flux_sign", "clock"))
-    progress("done", 1.0)
     return replace(found, mixups=(*found.mixups, *others))
 
 

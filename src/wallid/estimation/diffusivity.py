@@ -17,6 +17,7 @@ import numpy as np
 
 from .._internal.arrays import on_device
 from .._internal.errors import InputError
+from .._internal.progress import Progress, no_progress, part_of, shown_progress
 from .._internal.validation import one_of
 from ..case.case_definition import Case
 from ..case.initial_profile import scales
@@ -53,6 +54,7 @@ def estimate(
     eta: float | None = None,
     draws: int = 0,
     nuisance: Sequence[NuisanceKind] = NUISANCE_KINDS,
+    progress: Progress | None = None,
 ) -> Estimate:
     """Estimate the diffusivity of a case from one window of its record.
 
@@ -75,6 +77,8 @@ def estimate(
             the cost. None for the case's.
         draws: of a parametric bootstrap that checks the interval; 0 for none.
         nuisance: kinds of nuisance parameters; add one of your own to `NUISANCE_KINDS` (`weights` "noise").
+        progress: called as `progress(text, share)` with the step that begins and the completed share, 0 to 1;
+            None for a bar in a notebook, and nothing elsewhere.
 
     Returns:
         the diffusivity with its interval, and all about the fit.
@@ -101,25 +105,32 @@ def estimate(
     eta = case.choices.eta if eta is None else eta
     if weights == "none" and not case.sensors:
         raise InputError(f"{case.path}: no [[sensor]]: --weights none takes temperatures inside the wall, not fluxes")
-    if (fluxes_of(case) or case.choices.free) and weights == "noise":
-        if model is None or case.choices.free or not _has_plate_outputs(case, model):
-            model = full_order_model_with_plates(case)
-    elif model is None:
-        model = full_order_model(case) if case.choices.model == "lom" else learn(case, window, integrator=integrator)
     explicit_theta = sensitivity == "explicit"
-    if weights == "none":
-        return initial_estimate(_initial_fit(case, window, model, start, eta, explicit_theta, integrator, False))
-    return estimate_by_gls(
-        case,
-        window,
-        model,
-        start,
-        eta,
-        explicit_theta=explicit_theta,
-        integrator=integrator,
-        draws=draws,
-        nuisance=nuisance,
-    )[0]
+    with shown_progress(progress) as report:
+        fitting: Progress = report
+        if (fluxes_of(case) or case.choices.free) and weights == "noise":
+            if model is None or case.choices.free or not _has_plate_outputs(case, model):
+                model = full_order_model_with_plates(case)
+        elif model is None and case.choices.model == "lom":
+            model = full_order_model(case)
+        elif model is None:
+            model = learn(case, window, integrator=integrator, progress=part_of(report, 0.0, 0.4))
+            fitting = part_of(report, 0.4, 1.0)
+        if weights == "none":
+            fitting("estimate: Gauss-Newton with independent readings", 0.0)
+            return initial_estimate(_initial_fit(case, window, model, start, eta, explicit_theta, integrator, False))
+        return estimate_by_gls(
+            case,
+            window,
+            model,
+            start,
+            eta,
+            explicit_theta=explicit_theta,
+            integrator=integrator,
+            draws=draws,
+            nuisance=nuisance,
+            progress=fitting,
+        )[0]
 
 
 def _initial_fit(
@@ -174,6 +185,7 @@ def estimate_by_gls(
     integrator: Integrator = "propagator",
     draws: int = 0,
     nuisance: Sequence[NuisanceKind] = NUISANCE_KINDS,
+    progress: Progress = no_progress,
 ) -> tuple[Estimate, GLSFit]:
     """The estimate with the full covariance, and the GLS fit that it is computed from.
 
@@ -191,8 +203,11 @@ def estimate_by_gls(
         data = with_flux(case, window, window_data(case, window))
         initial = InitialFit(case, window, data, system, None, reduced, description)
     else:
+        progress("estimate: Gauss-Newton with independent readings", 0.0)
         initial = _initial_fit(case, window, model, start, eta, explicit_theta, integrator)
+    progress("estimate: generalised least squares", 0.2)
     best_fit, other_minima = gls_minima(initial, eta, explicit_theta, integrator, start, nuisance)
+    progress(f"estimate: bootstrap of {draws} records" if draws else "estimate: interval and checks", 0.7)
     result = estimate_from_gls(initial, best_fit, other_minima, draws)
     if initial.weighted_fit is None:
         steps = int(best_fit.minimum.trace.count) - 1

@@ -11,13 +11,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._internal.html import html_table, interval_row
+from .._internal.result_object import ResultObject, plain_value
 from ..case.case_definition import Case
 from ..case.mixups import visible_mixups
 from ..case.time_window import Window, entire_record
@@ -26,11 +28,14 @@ from ..inference.gls_fit import GLSFit
 from ..inference.likelihood import LOG_CONDUCTIVITY, PLATE_GAIN, LikelihoodProblem, NuisanceModel
 from ..inference.parameters import target_of
 from ..inference.physical_bounds import PHYSICAL_BOUNDS
-from ..inference.quantity import NORMAL_95, Quantity, lognormal
+from ..inference.quantity import NORMAL_95, Quantity, lognormal, quantity_frame
 from ..models.flux_plates import fluxes_of
 from ..models.window_inputs import window_data
 from .iso_9869 import AverageMethod, average_method
 from .pooled_mean import PooledMean, covariance_with_shared_errors, pooled_mean
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 R_INSIDE, R_OUTSIDE = 0.13, 0.04  # m2 K/W (ISO 6946)
 R_SURFACES = R_INSIDE + R_OUTSIDE
@@ -39,7 +44,7 @@ _MIN_HALF_ROWS = 50  # of the first half of a window, to predict the second half
 
 
 @dataclass(frozen=True)
-class HeldOutFlux:
+class HeldOutFlux(ResultObject):
     """The flux of the second half of a window predicted with the estimate from the first half.
 
     Args:
@@ -62,7 +67,7 @@ class HeldOutFlux:
 
 
 @dataclass(frozen=True)
-class ThermalProperties:
+class ThermalProperties(ResultObject):
     """The thermal properties of a wall from temperatures and heat fluxes.
 
     Args:
@@ -95,7 +100,20 @@ class ThermalProperties:
     def to_dict(self) -> dict[str, Any]:
         """The properties and the plates' calibration errors as plain numbers."""
         gains = {face: {"value": value, "std": std} for face, (value, std) in self.plate_gains.items()}
-        return {name: one.result() for name, one in self.quantities.items()} | {"plate_gains": gains}
+        return plain_value(self.quantities | {"plate_gains": gains, "iso_9869": self.average_methods})
+
+    def to_frame(self) -> DataFrame:
+        """One row for each property: `value`, `std`, `low` and `high` of the 95 % interval, `unit`."""
+        return quantity_frame(self.quantities)
+
+    def _repr_html_(self) -> str:
+        rows = [interval_row(name.replace("_", " "), one) for name, one in self.quantities.items()]
+        rows += [
+            (f"{face} plate, calibration", f"{gain:+.1%}", f"± {std:.1%}", "")
+            for face, (gain, std) in self.plate_gains.items()
+        ]
+        rows += [one.html_row() for one in self.average_methods]
+        return html_table("Thermal properties", rows)
 
     @property
     def property_lines(self) -> list[str]:

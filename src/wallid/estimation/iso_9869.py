@@ -23,9 +23,12 @@ Source: ISO 9869-1:2014, 7.1 (average method), 7.1.2 and 7.2 (storage effects).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from .._internal.html import Row, html_table
+from .._internal.result_object import ResultObject, plain_fields
 from .._internal.units import DAY
 
 MIN_DAYS = 3.0
@@ -37,7 +40,7 @@ _SMALLEST_MEAN = 1e-9  # of the mean magnitude of the flux
 
 
 @dataclass(frozen=True)
-class AverageMethod:
+class AverageMethod(ResultObject):
     """The resistance by the average method, from one flux plate.
 
     Args:
@@ -92,6 +95,19 @@ class AverageMethod:
                 f"{100 * self.first_to_last:.1f} % ({limit})"
             )
         return tuple(unmet)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The resistances and the state of each stopping rule and the unmet rules in words, as plain values."""
+        return plain_fields(self) | {"complete": self.complete, "unmet_rules": list(self.unmet_rules)}
+
+    def html_row(self) -> Row:
+        """The row of a notebook's table."""
+        value = "–" if self.resistance is None else f"{self.resistance:.3f}"
+        state = "all rules met" if self.complete else f"not met: {'; '.join(self.unmet_rules)}"
+        return f"resistance by ISO 9869-1, {self.face} plate", value, state, "m2 K/W"
+
+    def _repr_html_(self) -> str:
+        return html_table("Average method of ISO 9869-1", [self.html_row()])
 
     def __str__(self) -> str:
         if self.resistance is None:

@@ -7,6 +7,8 @@ reliable interval of one wall is that of `estimate`.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,6 +16,7 @@ import optimistix as optx
 from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Int
 
+from .._internal.result_object import ResultObject
 from ..inference.weighted_least_squares import WeightedProblem, solve_weighted_problem, stack_jacobian
 from ..models.batching import Sweep, sweep
 from ..models.integration import ArrayLike
@@ -21,11 +24,14 @@ from ..models.recurrence.single_kernel import fits_single_kernel
 from ..models.state_space import StateSpace, require_x64
 from ..models.window_inputs import WindowData
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 _MAX_ITERATIONS = 40  # about six are usual; a wall that needs more is marked as not converged
 _WALLS_PER_CHUNK = 32  # they fit into the cache of a core; 1 where the entire search of a wall is one kernel
 
 
-class WallEstimates(eqx.Module):
+class WallEstimates(eqx.Module, ResultObject):
     """The estimates of many walls, each array `(wall,)`.
 
     Args:
@@ -42,6 +48,15 @@ class WallEstimates(eqx.Module):
     reduced_chi_square: Float[Array, " wall"]
     iterations: Int[Array, " wall"]
     converged: Bool[Array, " wall"]
+
+    def to_frame(self) -> DataFrame:
+        """One row for each wall, with the fields of this class as columns."""
+        import pandas as pd
+
+        return pd.DataFrame(self.to_dict()).rename_axis("wall")
+
+    def _html_title(self) -> str:
+        return str(self)
 
     def __str__(self) -> str:
         reliable = jnp.sum(self.converged & (self.relative_std < 1.0))

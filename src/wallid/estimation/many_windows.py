@@ -8,16 +8,18 @@ With fluxes, conductivities, heat capacities and calibration errors are pooled i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._internal.errors import InputError
 from .._internal.html import html_table, interval_row
 from .._internal.number_formats import value_and_interval, value_and_std
+from .._internal.progress import Progress, shown_progress
+from .._internal.result_object import ResultObject, plain_value
 from ..case.case_definition import Case
 from ..case.time_window import Window, window_rows
 from ..inference.gls_fit import GLSFit
@@ -30,9 +32,12 @@ from .heat_flux import ThermalProperties, pooled_thermal_properties
 from .pooled_mean import PooledMean, covariance_with_shared_errors, pooled_mean
 from .result_objects import Estimate
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 
 @dataclass(frozen=True, eq=False)
-class CampaignEstimate:
+class CampaignEstimate(ResultObject):
     """One diffusivity from all informative windows of a record.
 
     Args:
@@ -100,9 +105,9 @@ class CampaignEstimate:
     __str__ = summary
 
     def to_dict(self) -> dict[str, Any]:
-        """The result as plain numbers, strings, lists and dicts; NaN and None where there is no value."""
+        """The result as plain numbers, strings, lists and dicts; None where there is no value."""
         mean = self.mean
-        return {
+        entries = {
             **self._quantity.result(),
             "reliable": self.reliable,
             "reason": self.reason,
@@ -111,11 +116,38 @@ class CampaignEstimate:
             "p_value": None if mean is None else mean.p_value,
             "between_std": None if mean is None else mean.between_std,
             "windows": [
-                {"start": label, "weight": self.weight(k), "estimate": None if fit is None else fit.to_dict()}
+                {"start": label, "weight": self.weight(k), "estimate": fit}
                 for k, (fit, label) in enumerate(zip(self.fits, self.labels, strict=True))
             ],
-            "thermal": None if self.thermal is None else self.thermal.to_dict(),
+            "thermal": self.thermal,
         }
+        return plain_value(entries)
+
+    def to_frame(self) -> DataFrame:
+        """One row for each window: `value`, `std`, `low`, `high` (m2/s), `weight` in the mean, `reliable`, `reason`.
+
+        With fluxes also `resistance` and `resistance_std`, m2 K/W. The index is the window's start.
+        """
+        import pandas as pd
+
+        rows = []
+        for k, fit in enumerate(self.fits):
+            if fit is None:
+                rows.append({"weight": 0.0, "reliable": False, "reason": "no reading"})
+                continue
+            row = {"value": fit.value, "std": fit.std, "low": fit.interval_95[0], "high": fit.interval_95[1]}
+            row |= {"weight": self.weight(k), "reliable": fit.reliable, "reason": fit.reason}
+            if fit.thermal is not None:
+                row |= {"resistance": fit.thermal.resistance.value, "resistance_std": fit.thermal.resistance.std}
+            rows.append(row)
+        columns = ["value", "std", "low", "high", "weight", "reliable", "reason"]
+        columns += [] if self.thermal is None else ["resistance", "resistance_std"]
+        return pd.DataFrame(rows, index=pd.Index(self.labels, name="start"), columns=columns)
+
+    @property
+    def quantities(self) -> dict[str, Quantity]:
+        """The diffusivity and, with fluxes, the thermal properties, by name; of all windows together."""
+        return {"diffusivity": self._quantity} | ({} if self.thermal is None else self.thermal.quantities)
 
     def _repr_html_(self) -> str:
         rows = [interval_row("diffusivity", self._quantity)]
@@ -146,7 +178,7 @@ def campaign(
     window_days: float | None = None,
     windows: Sequence[Window] | None = None,
     model: StateSpace | None = None,
-    progress: Callable[[int, int], None] = lambda done, of: None,
+    progress: Progress | None = None,
 ) -> CampaignEstimate:
     """Estimate one diffusivity from all windows of a record.
 
@@ -157,7 +189,8 @@ def campaign(
         window_days: window length, days; None for the one in the case's `[choices]`.
         windows: windows that do not overlap; None for consecutive ones in each unbroken part of the record.
         model: a full-order model to use instead of a new one, with the plates' fluxes after the sensors.
-        progress: called with the number of windows estimated so far and their total number.
+        progress: called as `progress(text, share)` with the step that begins and the completed share, 0 to 1;
+            None for a bar in a notebook, and nothing elsewhere.
 
     Returns:
         the pooled diffusivity, the estimate of each window, and the test of agreement.
@@ -176,10 +209,11 @@ def campaign(
     system = full_order_model_with_plates(case) if model is None else model
     prior, eta = case.wall.diffusivity_prior, case.choices.eta
     results: list[tuple[Estimate, GLSFit] | None] = []
-    for k, window in enumerate(windows):
-        progress(k, len(windows))
-        results.append(estimate_by_gls(case, window, system, prior, eta) if _has_reading(case, window) else None)
-    return _pool(case, windows, results)
+    with shown_progress(progress) as report:
+        for k, window in enumerate(windows):
+            report(f"estimate: window {k + 1} of {len(windows)}", k / len(windows))
+            results.append(estimate_by_gls(case, window, system, prior, eta) if _has_reading(case, window) else None)
+        return _pool(case, windows, results)
 
 
 def _has_reading(case: Case, window: Window) -> bool:

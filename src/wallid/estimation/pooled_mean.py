@@ -20,13 +20,14 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from .._internal.result_object import ResultObject
 from ..inference.quantity import NORMAL_95
 
 DISAGREEMENT_P_VALUE = 0.05  # a p-value below this means that the values disagree
 
 
 @dataclass(frozen=True)
-class PooledMean:
+class PooledMean(ResultObject):
     """The mean of correlated values.
 
     Args:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -12,6 +12,8 @@ from jaxtyping import Array, Float
 
 from .._internal.arrays import on_device
 from .._internal.html import html_table
+from .._internal.result_object import ResultObject, plain_value
+from .._internal.units import DAY
 from ..case.case_definition import Case
 from ..case.initial_profile import fit_profile, scales
 from ..case.time_window import entire_record
@@ -24,12 +26,15 @@ from ..models.window_inputs import WindowData, check_driven, full_order_model, w
 from ..records.row_times import RecordStart
 from .result_objects import Estimate
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 _LOAD_FACTORS = (0.8, 0.9, 1.0, 1.1, 1.2)  # factors on the diffusivity, as in the paper's figure
 _AT_ESTIMATE = _LOAD_FACTORS.index(1.0)
 
 
 @dataclass(frozen=True)
-class HeatLoads:
+class HeatLoads(ResultObject):
     """Heat through the inner face at fixed conductivity, with heat capacity `c = k/alpha`.
 
     Args:
@@ -55,9 +60,23 @@ class HeatLoads:
         """E divided by its value at the estimate, minus one."""
         return self.energy / self.energy_at_estimate - 1.0
 
+    def to_dict(self) -> dict[str, Any]:
+        """Conductivity, factors and energies as plain numbers; no time series."""
+        return plain_value({"conductivity": self.conductivity, "factors": self.factors, "energy": self.energy})
+
+    def to_frame(self) -> DataFrame:
+        """One row for each factor on the diffusivity: `energy`, J/m2, and `relative_change`."""
+        import pandas as pd
+
+        columns = {"energy": self.energy, "relative_change": self.relative_change}
+        return pd.DataFrame(columns, index=pd.Index(self.factors, name="factor"))
+
+    def _html_title(self) -> str:
+        return f"Heat through the inner face (J/m2) at {self.conductivity:g} W/m/K"
+
 
 @dataclass(frozen=True)
-class Prediction:
+class Prediction(ResultObject):
     """The readings of all sensors predicted with the prior diffusivity and with the estimate.
 
     Args:
@@ -117,20 +136,34 @@ class Prediction:
     def to_dict(self) -> dict[str, Any]:
         """The result as plain numbers: root mean squares of each sensor, K, and the heat loads; no time series."""
         keys = ("rms_prior", "rms", "sigma")
-        loads = self.loads
-        return {
+        entries = {
             "sensors": {
                 name: dict(zip(keys, self.rms_of_sensor(s), strict=True)) for s, name in enumerate(self.sensor_names)
             },
             "profile_eps_2": self.profile_eps_2,
-            "loads": None
-            if loads is None
-            else {
-                "conductivity": loads.conductivity,
-                "factors": loads.factors.tolist(),
-                "energy": loads.energy.tolist(),
-            },
+            "loads": self.loads,
         }
+        return plain_value(entries)
+
+    def to_frame(self) -> DataFrame:
+        """The readings beside the predictions, one row for each time (s since the record's start where it has s).
+
+        The columns have two levels: the sensor, and `measured`, `prior`, `predicted`, `sigma` or `residual`, in degC
+        and K; where the case states a conductivity also (`inner face`, `flux`), W/m2. A missing reading is NaN.
+        """
+        import pandas as pd
+
+        kinds = {
+            "measured": self.measured,
+            "prior": self.predicted_with_prior,
+            "predicted": self.predicted,
+            "sigma": self.sigma,
+            "residual": self.residual,
+        }
+        columns = {(name, kind): kinds[kind][:, s] for s, name in enumerate(self.sensor_names) for kind in kinds}
+        if self.loads is not None:
+            columns["inner face", "flux"] = self.loads.flux
+        return pd.DataFrame(columns, index=self.record_start.index_after(np.round(self.days * DAY, 6)))
 
     def _repr_html_(self) -> str:
         rms = [self.rms_of_sensor(s) for s in range(len(self.sensor_names))]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import scipy
@@ -12,18 +12,25 @@ import scipy
 from .._internal.errors import InputError
 from .._internal.html import html_table, interval_row
 from .._internal.number_formats import value_and_interval, value_and_std
+from .._internal.result_object import ResultObject, plain_value
+from ..case.case_definition import Case
 from ..case.initial_profile import InitialProfile
 from ..case.time_window import Window
 from ..inference.identifiability import Identifiability
 from ..inference.parametric_bootstrap import Bootstrap
-from ..inference.quantity import NORMAL_95, Quantity
+from ..inference.quantity import NORMAL_95, Quantity, normal, quantity_frame
+from ..models.flux_plates import fluxes_of
+from ..records.row_times import time_index
 from .heat_flux import ThermalProperties
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 _LABELS = {"film_left": "left film", "film_right": "right film"}
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Estimate(ResultObject):
     """The diffusivity of a wall with its uncertainty, and how it was obtained.
 
     Args:
@@ -177,7 +184,7 @@ class Estimate:
     def to_dict(self) -> dict[str, Any]:
         """The result as plain numbers, strings, lists and dicts, without the time series."""
         constants = {"offsets": "K", "positions": "m", "face_positions": "m"}
-        return {
+        entries = {
             **Quantity(self.value, self.std, self.interval_95, "m2/s").result(),
             "interval_kind": self.interval_kind,
             "reliable": self.reliable,
@@ -201,8 +208,52 @@ class Estimate:
                 for kind, unit in constants.items()
             },
             "wall_parameters": {name: one.result() for name, one in self.wall_parameters.items()},
-            "thermal": None if self.thermal is None else self.thermal.to_dict(),
+            "thermal": self.thermal,
         }
+        return plain_value(entries)
+
+    @property
+    def quantities(self) -> dict[str, Quantity]:
+        """All that was estimated, by name: diffusivity, other parameters of the wall, sensor errors."""
+        named = {"diffusivity": Quantity(self.value, self.std, self.interval_95, "m2/s")} | self.wall_parameters
+        named |= {} if self.thermal is None else self.thermal.quantities
+        named |= {f"offset of {name}": normal(*one, "K") for name, one in self.offsets.items()}
+        positions = self.positions | {f"{side} face": one for side, one in self.face_positions.items()}
+        return named | {f"position error of {name}": normal(*one, "m") for name, one in positions.items()}
+
+    def to_frame(self) -> DataFrame:
+        """One row for each estimated quantity: `value`, `std`, `low` and `high` of the 95 % interval, `unit`."""
+        return quantity_frame(self.quantities)
+
+    def readings_to_frame(self, case: Case) -> DataFrame:
+        """The readings of the window beside the fitted model, one row for each time.
+
+        The columns have two levels: the sensor (or `flux_left`, `flux_right`), and `measured`, `predicted` or
+        `residual`, in degC and K (a flux in W/m2). A missing reading is NaN; so is the residual of one that is not
+        used, such as the flux of the first row.
+
+        Args:
+            case: the case of this estimate, for the times and the names of the sensors.
+
+        Raises:
+            InputError: a case with other sensors or fewer rows.
+        """
+        import pandas as pd
+
+        names = [sensor.name for sensor in case.sensors]
+        names += [f"flux_{face}" for face in fluxes_of(case)] if self.thermal is not None else []
+        if len(names) != self.residual.shape[1] or self.window.row + self.window.rows > case.record.rows:
+            raise InputError(
+                f"case: it has the readings {', '.join(names)} in {case.record.rows} rows; it must be the case of this "
+                f"estimate, with {self.residual.shape[1]} columns in rows up to {self.window.row + self.window.rows}"
+            )
+        index = time_index(case.record.stamps[self.window.as_slice], case.record.zone)
+        record, rows = case.record, self.window.as_slice
+        fluxes = [record.regressors[name][rows] for name in names[len(case.sensors) :]]
+        measured = np.column_stack([record.sensors[rows], *fluxes])
+        kinds = {"measured": measured, "predicted": self.predicted, "residual": self.residual}
+        columns = {(name, kind): kinds[kind][:, k] for k, name in enumerate(names) for kind in kinds}
+        return pd.DataFrame(columns, index=index)
 
     def _repr_html_(self) -> str:
         quantities = {"diffusivity": Quantity(self.value, self.std, self.interval_95, "m2/s")} | self.wall_parameters

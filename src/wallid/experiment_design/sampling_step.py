@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 
 from .._internal.errors import InputError
+from .._internal.result_object import ResultObject
 from ..case.case_definition import Case
 from ..case.time_window import HasBestWindow, Window, as_window, check_unbroken, entire_record
 from ..inference.physical_bounds import HIGHEST, LOWEST
@@ -20,11 +22,14 @@ from .fisher_information import information_matrix, relative_std
 from .information_contributions import WindowContributions, rows_per_bin, whitened
 from .predicted_response import ResponseModel
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 _LARGEST_LOG_RATIO = math.log(HIGHEST / LOWEST)  # no interval of a diffusivity is wider
 
 
 @dataclass(frozen=True, eq=False)
-class SamplingComparison:
+class SamplingComparison(ResultObject):
     """The expected interval of the diffusivity for each sampling step of faces and sensors.
 
     Args:
@@ -49,6 +54,17 @@ class SamplingComparison:
     def interval_ratio(self) -> np.ndarray:
         """Upper end of the expected 95 % interval divided by its lower end."""
         return np.exp(np.minimum(2 * NORMAL_95 * self.std, _LARGEST_LOG_RATIO))
+
+    def to_frame(self) -> DataFrame:
+        """One row for each step: `rows`, `std`, `interval_ratio` and `interpolation_bias`; the index is the step, s."""
+        import pandas as pd
+
+        names = ("rows", "std", "interval_ratio", "interpolation_bias")
+        columns = {name: getattr(self, name) for name in names}
+        return pd.DataFrame(columns, index=pd.Index(self.steps, name="step (s)"))
+
+    def _html_title(self) -> str:
+        return f"Sampling steps in {self.labels[0]} to {self.labels[1]}: relative standard error of the diffusivity"
 
     def __str__(self) -> str:
         if not np.isfinite(self.std).any():

@@ -13,12 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._internal.errors import InputError
 from .._internal.html import html_table
+from .._internal.progress import Progress, shown_progress
+from .._internal.result_object import ResultObject, plain_value
 from ..case.case_definition import Case
 from ..case.time_window import HasBestWindow, Window, as_window, check_unbroken, entire_record
 from ..case.wall_and_sensors import Sensor
@@ -40,6 +42,9 @@ from .information_contributions import WindowContributions, rows_per_bin
 from .predicted_response import ResponseModel
 from .window_selection import criterion_text
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 _CANDIDATE_COUNT = 19  # evenly spaced between the faces
 _MAX_ADDED = 6
 _NEARLY_BEST = 0.98  # relative criterion of positions that are reported as equally good
@@ -47,7 +52,7 @@ _ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", 
 
 
 @dataclass(frozen=True, eq=False)
-class SensorPlacement:
+class SensorPlacement(ResultObject):
     """The expected effect of one additional sensor at each candidate position, then of a second one, and so on.
 
     Args:
@@ -133,7 +138,7 @@ class SensorPlacement:
     def to_dict(self) -> dict[str, Any]:
         """The result as plain numbers, lists and strings, without the arrays over candidates and diffusivities."""
         stds = [float(self.std[k, 0, self._index(position)]) for k, position in enumerate(self.chosen)]
-        return {
+        entries = {
             "positions": list(self.chosen),
             "relative_std": stds,
             "relative_std_before": float(self.std_before[0]),
@@ -144,6 +149,30 @@ class SensorPlacement:
             "start": self.labels[0],
             "end": self.labels[1],
         }
+        return plain_value(entries)
+
+    def to_frame(self) -> DataFrame:
+        """One row for each added sensor and candidate position.
+
+        Columns: `added` (1 for the first sensor), `position` (m), `relative_std` of the diffusivity,
+        `relative_criterion`, `criterion_gain` and `chosen`; at the first diffusivity.
+        """
+        import pandas as pd
+
+        frames = [
+            pd.DataFrame(
+                {
+                    "added": k + 1,
+                    "position": self.candidates,
+                    "relative_std": self.std[k, 0],
+                    "relative_criterion": self.relative_criterion(k),
+                    "criterion_gain": self.criterion_gain[k],
+                    "chosen": self.candidates == position,
+                }
+            )
+            for k, position in enumerate(self.chosen)
+        ]
+        return pd.concat(frames, ignore_index=True)
 
     def _repr_html_(self) -> str:
         stds = self.to_dict()["relative_std"]
@@ -178,6 +207,7 @@ def place_sensors(
     noise_std: float | None = None,
     position_std: float | None = None,
     offset_std: float | None = None,
+    progress: Progress | None = None,
 ) -> SensorPlacement:
     """The positions where additional sensors add most information on the diffusivity, given the existing sensors.
 
@@ -192,6 +222,8 @@ def place_sensors(
         diffusivities: m2/s; None for the prior, and for a robust design a quarter to four times the prior.
         noise_std, position_std, offset_std: of the additional sensor, K, m, K; None for the median over the existing
             sensors.
+        progress: called as `progress(text, share)` with the step that begins and the completed share, 0 to 1;
+            None for a bar in a notebook, and nothing elsewhere.
 
     Returns:
         the criterion and the expected standard error at each candidate, and the chosen positions.
@@ -215,22 +247,25 @@ def place_sensors(
     model = ResponseModel(case, [*existing, *positions])
     bin_rows = rows_per_bin(window.rows * (len(model.outputs) - len(positions) + count))
     states: list[_PlacementState] = []
-    for alpha in alphas:
-        predicted = model.predict(np.array([window.row]), window.rows, alpha)
-        contributions = WindowContributions(case, predicted, np.array([window.row]), window.rows, bin_rows)
-        states.append(_PlacementState(case, contributions, of))
-    before = np.array([criterion_of(state.matrix, criterion, state.indices) for state in states])
     after, std, chosen = [], [], []
-    for _ in range(count):
-        matrices = [
-            [state.information_with(sensor, len(existing) + c) for c in range(len(positions))] for state in states
-        ]
-        after.append([[criterion_of(M, criterion, states[0].indices) for M in row] for row in matrices])
-        std.append([[relative_std(M) for M in row] for row in matrices])
-        best = int(np.argmax(relative_criterion(np.array(after[-1]), robust)))
-        chosen.append(best)
-        for state in states:
-            state.add(sensor, len(existing) + best)
+    with shown_progress(progress) as report:
+        report(f"sensors: the response at {len(positions)} positions", 0.0)
+        for alpha in alphas:
+            predicted = model.predict(np.array([window.row]), window.rows, alpha)
+            contributions = WindowContributions(case, predicted, np.array([window.row]), window.rows, bin_rows)
+            states.append(_PlacementState(case, contributions, of))
+        before = np.array([criterion_of(state.matrix, criterion, state.indices) for state in states])
+        for k in range(count):
+            report(f"sensors: {k + 1} of {count}", 0.3 + 0.7 * k / count)
+            matrices = [
+                [state.information_with(sensor, len(existing) + c) for c in range(len(positions))] for state in states
+            ]
+            after.append([[criterion_of(M, criterion, states[0].indices) for M in row] for row in matrices])
+            std.append([[relative_std(M) for M in row] for row in matrices])
+            best = int(np.argmax(relative_criterion(np.array(after[-1]), robust)))
+            chosen.append(best)
+            for state in states:
+                state.add(sensor, len(existing) + best)
     stamp = case.record.stamp
     return SensorPlacement(
         candidates=positions,

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._internal.arrays import on_device
+from .._internal.progress import Progress, shown_progress
+from .._internal.result_object import ResultObject
 from ..case.case_definition import Case
 from ..case.initial_profile import scales
 from ..case.time_window import Window, entire_record, window_rows
@@ -32,6 +35,9 @@ from .window_information import (
 )
 from .window_selection import candidate_starts
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 _COMPARED_DAYS = (1.0, 2.0, 3.0, 5.0, 10.0)
 _MAX_ROWS = 20_000  # above this the comparison takes seconds per length
 
@@ -45,7 +51,7 @@ def days_within(case: Case) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True)
-class LengthComparison:
+class LengthComparison(ResultObject):
     """Information and computing time for several window lengths.
 
     Args:
@@ -57,6 +63,16 @@ class LengthComparison:
     days: np.ndarray
     criterion: np.ndarray
     seconds: np.ndarray
+
+    def to_frame(self) -> DataFrame:
+        """One row for each length: `criterion` and `seconds`; the index is the length, days."""
+        import pandas as pd
+
+        columns = {"criterion": self.criterion, "seconds": self.seconds}
+        return pd.DataFrame(columns, index=pd.Index(self.days, name="days"))
+
+    def _html_title(self) -> str:
+        return "Window lengths: criterion of the best window, and seconds of its estimate"
 
     def __str__(self) -> str:
         lines = []
@@ -77,7 +93,7 @@ def compare_lengths(
     of: ParametersOfInterest = "diffusivity",
     robust: Robust = "no",
     diffusivities: Sequence[float] | None = None,
-    on_length: Callable[[float], None] = lambda days: None,
+    progress: Progress | None = None,
 ) -> LengthComparison:
     """The criterion of the best window of each length, and the computing time of its estimate.
 
@@ -86,7 +102,8 @@ def compare_lengths(
         cost: returns the computing time of an estimate from a window, s, for instance by `seconds_of_estimate`. Called
             for the shortest, the middle and the longest window only, since each needs a compilation. None for no times.
         full, criterion, of, robust, diffusivities: as in `design`.
-        on_length: called with each length, days, when it has been evaluated.
+        progress: called as `progress(text, share)` with the step that begins and the completed share, 0 to 1;
+            None for a bar in a notebook, and nothing elsewhere.
 
     Returns:
         relative criterion and computing time for each length.
@@ -96,6 +113,23 @@ def compare_lengths(
 
     Source: Berger and Kadoch, Section 4.1.
     """
+    with shown_progress(progress) as report:
+        report("lengths: the information of all windows", 0.0)
+        return _compare(case, days, cost, full, criterion, of, robust, diffusivities, report)
+
+
+def _compare(
+    case: Case,
+    days: Sequence[float],
+    cost: Callable[[Window], float] | None,
+    full: bool | None,
+    criterion: Criterion,
+    of: ParametersOfInterest,
+    robust: Robust,
+    diffusivities: Sequence[float] | None,
+    report: Progress,
+) -> LengthComparison:
+    """The comparison of `compare_lengths`, which reports its progress."""
     check_choices(criterion, of, robust)
     rows = tuple(window_rows(case, length) for length in days)
     starts = candidate_starts(case.record, min(rows), None)
@@ -111,11 +145,11 @@ def compare_lengths(
     best, seconds = [], np.full(len(days), np.nan)
     timed = {0, len(days) // 2, len(days) - 1}
     for k, length in enumerate(days):
+        report(f"lengths: {length:g} d", 0.5 + 0.5 * k / len(days))
         inside = np.flatnonzero(case.record.contains_windows(starts, rows[k]))
         values = information[:, inside, k]
         index = int(np.argmax(relative_criterion(values, robust)))
         best.append(values[:, index])
         if cost is not None and k in timed:
             seconds[k] = cost(Window(int(starts[inside[index]]), rows[k]))
-        on_length(length)
     return LengthComparison(np.asarray(days, float), relative_criterion(np.array(best).T, robust), seconds)

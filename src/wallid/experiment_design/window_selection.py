@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jax.sharding import Mesh
@@ -26,6 +26,8 @@ from jax.sharding import Mesh
 from .._internal.arrays import on_device
 from .._internal.errors import InputError
 from .._internal.html import html_table
+from .._internal.progress import Progress, shown_progress
+from .._internal.result_object import ResultObject, plain_value
 from .._internal.units import DAY
 from .._internal.validation import one_of
 from ..case.case_definition import Case
@@ -57,6 +59,9 @@ from .window_information import (
     window_information,
 )
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 
 @dataclass(frozen=True)
 class ExpectedErrors:
@@ -78,7 +83,7 @@ class ExpectedErrors:
 
 
 @dataclass(frozen=True)
-class Design:
+class Design(ResultObject):
     """The criterion of every candidate window, and the best window.
 
     Args:
@@ -170,7 +175,7 @@ class Design:
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain numbers, lists and strings."""
-        return {
+        entries = {
             "start": self.labels[0],
             "end": self.labels[1],
             "row": self.best.row,
@@ -182,9 +187,32 @@ class Design:
             "robust": self.robust,
             "full": self.full,
             "diffusivities": list(self.diffusivities),
-            "starts": self.starts.tolist(),
-            "relative_criterion": self.relative_criterion.tolist(),
+            "starts": self.starts,
+            "relative_criterion": self.relative_criterion,
         }
+        return plain_value(entries)
+
+    def to_frame(self) -> DataFrame:
+        """One row for each candidate window.
+
+        The index is its start (s since the record's start where the record has s). Columns: `row` and `rows`, the
+        `relative_criterion`, and the `expected_relative_std` of the diffusivity at the first diffusivity.
+        """
+        import pandas as pd
+
+        columns = {
+            "row": self.starts,
+            "rows": np.full(len(self.starts), self.rows),
+            "relative_criterion": self.relative_criterion,
+            "expected_relative_std": self._relative_stds,
+        }
+        return pd.DataFrame(columns, index=self.record_start.index_after(self.starts * self.step))
+
+    @property
+    def _relative_stds(self) -> np.ndarray:
+        """The expected relative standard error in each window, at the first diffusivity."""
+        with np.errstate(divide="ignore"):
+            return 1.0 / np.sqrt(self.information[0]) / self.diffusivities[0]
 
     def _repr_html_(self) -> str:
         rows = [
@@ -210,6 +238,7 @@ def design(
     of: ParametersOfInterest = "diffusivity",
     robust: Robust = "no",
     full: bool | None = None,
+    progress: Progress | None = None,
 ) -> Design:
     """The best window of a case's record, by the full-order model at the prior diffusivity.
 
@@ -233,6 +262,8 @@ def design(
         full: use the full covariance of the estimate's interval: also face noise (as stated, white), position errors
             and the initial profile. False counts the readings' own noise, offsets and calibration errors only. None
             for True where the case has flux plates.
+        progress: called as `progress(text, share)` with the step that begins and the completed share, 0 to 1;
+            None for a bar in a notebook, and nothing elsewhere.
 
     Returns:
         the criterion of every candidate window, and the best window.
@@ -262,6 +293,48 @@ def design(
         raise InputError(f"every_rows = {every_rows}; it must be at least 1")
     starts = candidate_starts(record, rows, every_rows)
     alphas = design_diffusivities(case, diffusivities, robust)
+    with shown_progress(progress) as report:
+        report(f"design: the information of {len(starts)} windows", 0.0)
+        values, information = _information(
+            case, starts, rows, alphas, restart, sweep, mesh, integrator, model, criterion, of, full
+        )
+    if values is None and robust != "no":  # information on ln(alpha), which is comparable between diffusivities
+        values = information * np.square(alphas)[:, None]
+    best = int(np.argmax(relative_criterion(information if values is None else values, robust)))
+    row = int(starts[best])
+    return Design(
+        rows=rows,
+        starts=starts,
+        diffusivities=alphas,
+        information=information,
+        best=Window(row, rows),
+        restart=restart,
+        step=record.step,
+        labels=(str(record.stamp(row)), str(record.stamp(row + rows))),
+        criterion_name=criterion,
+        of=of,
+        robust=robust,
+        full=full,
+        criterion_values=values,
+        record_start=record.start,
+    )
+
+
+def _information(
+    case: Case,
+    starts: np.ndarray,
+    rows: int,
+    alphas: tuple[float, ...],
+    restart: bool,
+    sweep: Sweep,
+    mesh: Mesh | None,
+    integrator: Integrator,
+    model: StateSpace | None,
+    criterion: Criterion,
+    of: ParametersOfInterest,
+    full: bool,
+) -> tuple[np.ndarray | None, np.ndarray]:
+    """The criterion, None where it is the information, and the information on alpha; `(diffusivity, window)` each."""
     values = None
     system = full_order_model(case, plate_outputs(case)) if model is None else model
     scale = scales(case)
@@ -292,26 +365,7 @@ def design(
             system, fourier, data, on_device(starts), plates, rows=rows, integrator=integrator
         )
         information = np.asarray(info) * per_alpha**2
-    if values is None and robust != "no":  # information on ln(alpha), which is comparable between diffusivities
-        values = information * np.square(alphas)[:, None]
-    best = int(np.argmax(relative_criterion(information if values is None else values, robust)))
-    row = int(starts[best])
-    return Design(
-        rows=rows,
-        starts=starts,
-        diffusivities=alphas,
-        information=information,
-        best=Window(row, rows),
-        restart=restart,
-        step=record.step,
-        labels=(str(record.stamp(row)), str(record.stamp(row + rows))),
-        criterion_name=criterion,
-        of=of,
-        robust=robust,
-        full=full,
-        criterion_values=values,
-        record_start=record.start,
-    )
+    return values, information
 
 
 def criterion_text(kind: Criterion, of: ParametersOfInterest, robust: Robust, diffusivities: Sequence[float]) -> str:

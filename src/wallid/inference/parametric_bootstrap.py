@@ -12,13 +12,14 @@ import jax
 import numpy as np
 
 from .._internal.arrays import on_device
+from .._internal.result_object import ResultObject
 from .gls_fit import GLSFit
 from .likelihood import bootstrap_estimates
 from .nuisance_parameters import instrument_error_kinds
 
 
 @dataclass(frozen=True)
-class Bootstrap:
+class Bootstrap(ResultObject):
     """The estimates from readings drawn from the fitted model: a check of standard error and interval.
 
     Args:

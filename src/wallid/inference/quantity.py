@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from .._internal.html import html_table, interval_row
 from .._internal.number_formats import value_and_interval
+from .._internal.result_object import ResultObject, plain_value
 from .physical_bounds import clip_to_physical
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 NORMAL_95 = 1.959963984540054
 """The normal distribution's 97.5 % quantile: half the width of a 95 % interval, in standard deviations."""
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Quantity(ResultObject):
     """A value with its interval.
 
     Args:
@@ -32,8 +38,33 @@ class Quantity:
         """The entry of result.json."""
         return {"value": self.value, "std": self.std, "interval_95": list(self.interval_95), "unit": self.unit}
 
+    def to_dict(self) -> dict[str, Any]:
+        """Value, standard error, interval and unit; None for a number that is not finite."""
+        return plain_value(self.result())
+
+    def to_frame(self) -> DataFrame:
+        """One row: `value`, `std`, `low` and `high` of the 95 % interval, `unit`."""
+        return quantity_frame({"": self}).reset_index(drop=True)
+
+    def _repr_html_(self) -> str:
+        return html_table("Quantity", [interval_row("", self)])
+
     def __str__(self) -> str:
         return value_and_interval(self.value, self.std, self.interval_95, self.unit)
+
+
+def quantity_frame(quantities: Mapping[str, Quantity]) -> DataFrame:
+    """One row for each quantity, with its name as index: `value`, `std`, `low` and `high` (95 % interval), `unit`."""
+    import pandas as pd
+
+    rows = [(one.value, one.std, *one.interval_95, one.unit) for one in quantities.values()]
+    index = pd.Index(list(quantities), name="quantity", dtype=object)
+    return pd.DataFrame(rows, index=index, columns=["value", "std", "low", "high", "unit"])
+
+
+def normal(value: float, std: float, unit: str) -> Quantity:
+    """A quantity that is normally distributed."""
+    return Quantity(value, std, (value - NORMAL_95 * std, value + NORMAL_95 * std), unit)
 
 
 def lognormal(value: float, variance: float, quantile: float, unit: str) -> Quantity:

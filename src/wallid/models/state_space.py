@@ -17,7 +17,7 @@ import json
 from contextlib import nullcontext
 from io import BufferedIOBase
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -26,6 +26,11 @@ import numpy as np
 from jaxtyping import Array, Float, ScalarLike
 
 from .._internal.arrays import index_array, on_device
+from .._internal.html import html_table
+from .._internal.result_object import ResultObject, plain_value
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 _ARRAYS = ("A", "B", "C", "D", "P", "A0", "B0", "C_theta", "capacity")
 _FILE_FORMAT = 1
@@ -45,7 +50,7 @@ def require_x64() -> None:
         )
 
 
-class StateSpace(eqx.Module):
+class StateSpace(eqx.Module, ResultObject):
     """A linear model whose rate scales with the Fourier number.
 
         x' = (Fo A + A0) x + (Fo B + B0) q,   u = C x + D q,   x(0) = P a
@@ -208,6 +213,36 @@ class StateSpace(eqx.Module):
         return StateSpace(
             **arrays, output_names=tuple(header["output_names"]), driven=tuple(map(bool, header["driven"]))
         )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The matrices as lists, the names of the outputs, and which inputs are driven."""
+        arrays = {name: getattr(self, name) for name in _ARRAYS if getattr(self, name) is not None}
+        return plain_value(arrays | {"output_names": self.output_names, "driven": self.driven})
+
+    def to_frame(self) -> DataFrame:
+        """One row for each state: its rate per unit of Fo (of a mode its eigenvalue, else the diagonal of A), B and C.
+
+        The columns of B are named by the input, those of C by the output.
+        """
+        import pandas as pd
+
+        rates = self.A if self.is_diagonal else jnp.diagonal(self.A)
+        outputs = self.output_names or tuple(f"output {k + 1}" for k in range(self.C.shape[0]))
+        columns = {"rate": np.asarray(rates)}
+        columns |= {f"B of input {k + 1}": np.asarray(self.B[:, k]) for k in range(self.B.shape[1])}
+        columns |= {f"C of {name}": np.asarray(row) for name, row in zip(outputs, self.C, strict=True)}
+        return pd.DataFrame(columns).rename_axis("mode" if self.is_diagonal else "node")
+
+    def _repr_html_(self) -> str:
+        stacked = self.B.ndim > 2  # many models in one, by `stack`
+        rows = [
+            ("models", str(self.B.shape[0]) if stacked else "1", "", ""),
+            ("states", str(self.B.shape[-2]), "", ""),
+            ("inputs", str(self.B.shape[-1]), f"{sum(self.driven)} driven", ""),
+            ("outputs", str(self.C.shape[-2]), ", ".join(self.output_names), ""),
+            ("coefficients of the initial profile", str(self.P.shape[-1]), "", ""),
+        ]
+        return html_table("State space: x' = (Fo A + A0) x + (Fo B + B0) q, u = C x + D q", rows)
 
     def __str__(self) -> str:
         kind = "modes" if self.is_diagonal else "nodes"

@@ -5,9 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from .._internal.result_object import ResultObject
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 _DESCRIPTIONS = {
     "converted": "{count} values converted from {example}",
@@ -94,7 +99,7 @@ class RecordBreak:
 
 
 @dataclass(frozen=True, eq=False)
-class CleaningLog:
+class CleaningLog(ResultObject):
     """What was changed in a record while it was read.
 
     Args:
@@ -134,6 +139,18 @@ class CleaningLog:
 
     def __str__(self) -> str:
         return "\n".join(self.lines()) or "nothing was changed"
+
+    def to_frame(self) -> DataFrame:
+        """One row for each change: `column` (empty for all), `kind`, `count`, `line` of the first one, and `text`."""
+        import pandas as pd
+
+        rows = [(step.column, step.kind, step.count, step.line, str(step)) for step in self.steps]
+        rows += [(" and ".join(gap.columns), "break", gap.rows, None, str(gap)) for gap in self.breaks]
+        frame = pd.DataFrame(rows, columns=["column", "kind", "count", "line", "text"])
+        return frame.astype({"count": int, "line": "Int64"})
+
+    def _html_title(self) -> str:
+        return f"Read as {self.read_as}" if self.read_as else "Changes while reading"
 
     def to_dict(self) -> dict[str, Any]:
         """The entries of result.json."""

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from pandas import Index
 
 STEP_TOLERANCE = 1e-3  # of the step: loggers round their times
 
@@ -49,6 +52,28 @@ class RecordStart:
 
     stamp: np.datetime64 | None = None
     zone: str | None = None
+
+    def index_after(self, seconds: np.ndarray) -> Index:
+        """The index of a DataFrame whose rows are these seconds after the start; the seconds where no date is known."""
+        if self.stamp is None:
+            return time_index(seconds, None)
+        stamps = self.stamp.astype("datetime64[ns]") + np.round(seconds * 1e9).astype("timedelta64[ns]")
+        return time_index(stamps, self.zone)
+
+
+def time_index(stamps: np.ndarray, zone: str | None) -> Index:
+    """The index of a DataFrame with one row for each time.
+
+    Args:
+        stamps: datetime64 in local time of `zone`, or s, (time,).
+        zone: fixed offset of the stamps from UTC; None where the file states none.
+    """
+    import pandas as pd
+
+    if not np.issubdtype(stamps.dtype, np.datetime64):
+        return pd.Index(stamps, name="time (s)")
+    index = pd.DatetimeIndex(stamps, name="time")
+    return index if zone is None else index.tz_localize("UTC" if zone == "Z" else zone)
 
 
 def format_time(stamp: np.generic, zone: str | None) -> str:

@@ -8,12 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, no_type_check
+from typing import TYPE_CHECKING, Any, no_type_check
 
 import numpy as np
 import scipy
 
 from .._internal.errors import InputError
+from .._internal.html import html_frame
+from .._internal.result_object import ResultObject
 from .._internal.units import DAY
 from .._internal.validation import number, set_fields
 from .array_checks import checked_columns, checked_names, checked_regressors, checked_stamps, checked_times
@@ -22,7 +24,7 @@ from .dataframe_table import source_name
 from .face_variation import course_between_rows, cubic_errors
 from .file_format import FileFormat, check_unit
 from .reading_pipeline import read_record_arrays
-from .row_times import RecordStart
+from .row_times import RecordStart, time_index
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -45,7 +47,7 @@ REGRESSORS = tuple(REGRESSOR_UNITS)
 
 @no_type_check
 @dataclass(frozen=True, eq=False)
-class Record:
+class Record(ResultObject):
     """The readings in and on a wall at a uniform step.
 
     Args:
@@ -72,19 +74,19 @@ class Record:
             faces that are not finite, an unknown regressor, or a standard deviation that is negative or not a number.
     """
 
-    time: np.ndarray
-    stamps: np.ndarray
+    time: np.ndarray = field(repr=False)
+    stamps: np.ndarray = field(repr=False)
     zone: str | None
-    faces: np.ndarray
-    sensors: np.ndarray
+    faces: np.ndarray = field(repr=False)
+    sensors: np.ndarray = field(repr=False)
     names: tuple[str, ...]
-    regressors: Mapping[str, np.ndarray] = field(default_factory=dict)
+    regressors: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False)
     boundary_noise_std: float = 0.1
     face_position_std: float = 0.0
     flux_noise_std: float | None = None
     flux_gain_std: float | None = None
     file: str = "record"
-    fill_std: np.ndarray | None = None
+    fill_std: np.ndarray | None = field(default=None, repr=False)
     cleaning: CleaningLog = field(default_factory=CleaningLog)
 
     def __post_init__(self) -> None:
@@ -275,6 +277,48 @@ class Record:
         return "\n".join(lines)
 
     __str__ = summary
+
+    def to_dict(self) -> dict[str, Any]:
+        """Rows, step, start, end, and readings and range of each column, as plain values; no time series."""
+        columns = self._columns_frame().reset_index().to_dict("records")
+        return {
+            "file": self.file,
+            "rows": self.rows,
+            "step": self.step,
+            "start": self.stamp(0),
+            "end": self.stamp(self.rows),
+            "columns": columns,
+            "cleaning": self.cleaning.to_dict(),
+        }
+
+    def to_frame(self) -> DataFrame:
+        """All columns, one row for each time: `left`, `right`, the inner sensors, and the regressors by their key.
+
+        A missing value is NaN, also of a face in a gap that was too long to interpolate. The index holds datetimes,
+        with the zone where the file states one, or s. `Case.from_dataframe` takes such a frame.
+        """
+        import pandas as pd
+
+        faces = np.where(self.broken[:, None], np.nan, self.faces)
+        columns = dict(zip(("left", "right"), faces.T, strict=True))
+        columns |= dict(zip(self.names, self.sensors.T, strict=True)) | dict(self.regressors)
+        return pd.DataFrame(columns, index=time_index(self.stamps, self.zone))
+
+    def _columns_frame(self) -> DataFrame:
+        """One row for each column: number of values, smallest and largest one, unit."""
+        import pandas as pd
+
+        frame = self.to_frame()
+        units = [REGRESSOR_UNITS.get(str(name), "degC") or "-" for name in frame.columns]
+        index = pd.Index(list(frame.columns), name="column")
+        values = {"values": frame.count().to_numpy(), "missing": frame.isna().sum().to_numpy()}
+        ends = {"smallest": frame.min().to_numpy(), "largest": frame.max().to_numpy()}
+        return pd.DataFrame(values | ends | {"unit": units}, index=index)
+
+    def _repr_html_(self) -> str:
+        first, last = self.stamp(0), self.stamp(self.rows - 1)
+        title = f"{Path(self.file).name}: {self.rows} rows, one every {self.step:g} s, from {first} to {last}"
+        return html_frame(title, self._columns_frame())
 
 
 def cubic_slopes(values: np.ndarray, step: float) -> np.ndarray:

@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -30,6 +31,9 @@ from threadpoolctl import threadpool_limits
 
 from .._internal.arrays import index_array, on_device
 from .._internal.errors import InputError
+from .._internal.html import html_table
+from .._internal.progress import Progress, no_progress
+from .._internal.result_object import ResultObject, plain_value
 from ..models.error_measures import eps_2, eps_inf
 from ..models.integration import Integrator
 from ..models.state_space import StateSpace
@@ -45,12 +49,15 @@ from .variable_projection import (
     solve_for_outputs,
 )
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 _MIN_POLE_RATIO = 1.05  # of neighbouring poles: the basis of two equal ones is singular
 _MAX_STEPS = 60
 _ARRAY_SIZE = 10  # orders up to a multiple of it are learned in arrays of that size, with one compilation
 
 
-class LearnedModel(eqx.Module):
+class LearnedModel(eqx.Module, ResultObject):
     """A reduced-order model with its errors.
 
     Args:
@@ -65,6 +72,23 @@ class LearnedModel(eqx.Module):
     eps_inf: tuple[float, float] = eqx.field(static=True)
     condition: float = eqx.field(static=True)
     steps: int = eqx.field(static=True)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Order, errors, condition number, steps, and the rates of the modes per unit of Fo."""
+        errors = {name: getattr(self, name) for name in ("eps_2", "eps_inf", "condition", "steps")}
+        return plain_value({"order": self.system.order, **errors, "rates": self.system.A})
+
+    def to_frame(self) -> DataFrame:
+        """One row for each mode: its rate per unit of Fo, and its share in each output, a column of H."""
+        return self.system.to_frame()
+
+    def _repr_html_(self) -> str:
+        rows = [("order", str(self.system.order), "", "-")]
+        rows += [
+            (f"largest error of {name}", f"{largest:.1e}", f"root mean square {rms:.1e}", "-")
+            for name, largest, rms in zip(("u", "theta"), self.eps_inf, self.eps_2, strict=True)
+        ]
+        return html_table("Reduced-order model", rows)
 
     def __str__(self) -> str:
         return (
@@ -82,6 +106,7 @@ def learn_system(
     tied: bool = True,
     integrator: Integrator = "propagator",
     max_steps: int = _MAX_STEPS,
+    progress: Progress = no_progress,
 ) -> LearnedModel:
     """A reduced-order model of `order` modes that gives the full-order model's outputs on these signals.
 
@@ -94,6 +119,7 @@ def learn_system(
         integrator: how the signals' rows are stepped through.
         max_steps: of Levenberg-Marquardt. Where two poles come close it goes on without gain, so the last step need
             not be converged; `eps_inf` gives the error that was reached.
+        progress: called as `progress(text, share)` with the step that begins.
 
     Returns:
         the model with its errors.
@@ -104,8 +130,10 @@ def learn_system(
     Source: Berger and Kadoch, Section 3.2.
     """
     _check_order(full_order_model, order)
+    progress("learn: simulating the full-order model", 0.0)
     full_order_model = full_order_model.modal()
-    reference = simulated_outputs(full_order_model, signals, integrator)
+    reference = jax.block_until_ready(simulated_outputs(full_order_model, signals, integrator))
+    progress(f"learn: searching {order} modes", 0.3)
     return _learn(full_order_model, order, order, signals, reference, tied, integrator, max_steps)
 
 
@@ -190,6 +218,7 @@ def choose_order(
     tied: bool = True,
     integrator: Integrator = "propagator",
     on_try: Callable[[LearnedModel], None] = lambda learned: None,
+    progress: Progress = no_progress,
 ) -> LearnedModel:
     """The smallest order whose errors are within tolerances, or else the best of those tried.
 
@@ -199,15 +228,20 @@ def choose_order(
         sensitivity_tolerance: of the largest error of theta, over the largest theta.
         orders: to be tried.
         tied, integrator: as in `learn_system`.
-        on_try: called with each model, for a progress display.
+        on_try: called with each model.
+        progress: called as `progress(text, share)` before each order.
 
     Raises:
         InputError: no order is below that of the full-order model.
     """
+    progress("learn: simulating the full-order model", 0.0)
     largest = float(jnp.max(jnp.abs(simulated_outputs(full_order_model.modal(), signals, integrator)[1])))
     best: LearnedModel | None = None
     possible = [order for order in orders if order <= full_order_model.order]
-    for learned in sweep_orders(full_order_model, possible, signals, tied=tied, integrator=integrator):
+    models = sweep_orders(full_order_model, possible, signals, tied=tied, integrator=integrator)
+    for count, order in enumerate(possible):
+        progress(f"learn: searching {order} modes", 0.1 + 0.9 * count / len(possible))
+        learned = next(models)
         on_try(learned)
         if best is None or learned.eps_inf[0] < best.eps_inf[0]:
             best = learned

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from .._internal.errors import InputError
+from .._internal.progress import Progress, part_of, shown_progress
 from ..case.case_definition import Case
 from ..case.initial_profile import dimensionless_profile, profile_degree, scales
 from ..case.time_window import MIN_FACE_RANGE, HasBestWindow, Window, as_window
@@ -30,6 +31,7 @@ def learn(
     tied: bool = True,
     integrator: Integrator = "propagator",
     on_try: Callable[[LearnedModel], None] = lambda learned: None,
+    progress: Progress | None = None,
 ) -> LearnedModel:
     """A reduced-order model for a window of a case.
 
@@ -42,6 +44,8 @@ def learn(
         tied: one H for field and sensitivity; False learns H_theta separately (the paper).
         integrator: how the signals' rows are stepped through.
         on_try: with "auto", called with each model tried.
+        progress: called as `progress(text, share)` with the step that begins and the completed share, 0 to 1;
+            None for a bar in a notebook, and nothing elsewhere.
 
     Returns:
         the model with its errors.
@@ -57,13 +61,24 @@ def learn(
     window = as_window(window)
     order = case.choices.order if order is None else order
     outputs = plate_outputs(case) if plates or (plates is None and not case.sensors) else []
-    model, signals = full_order_model(case, outputs), training_signals(case, window)
-    if order == "auto":
-        noise = [sensor.noise_std for sensor in case.sensors]
-        noise += [flux_noise_std(case) / wall_conductance(case)] if outputs else []
-        tolerance = 0.1 * min(noise) / scales(case).temperature
-        return choose_order(model, signals, tolerance=tolerance, tied=tied, integrator=integrator, on_try=on_try)
-    return learn_system(model, order, signals, tied=tied, integrator=integrator)
+    with shown_progress(progress) as report:
+        report("learn: the full-order model and its training signals", 0.0)
+        model, signals = full_order_model(case, outputs), training_signals(case, window)
+        searching = part_of(report, 0.1, 1.0)
+        if order == "auto":
+            noise = [sensor.noise_std for sensor in case.sensors]
+            noise += [flux_noise_std(case) / wall_conductance(case)] if outputs else []
+            tolerance = 0.1 * min(noise) / scales(case).temperature
+            return choose_order(
+                model,
+                signals,
+                tolerance=tolerance,
+                tied=tied,
+                integrator=integrator,
+                on_try=on_try,
+                progress=searching,
+            )
+        return learn_system(model, order, signals, tied=tied, integrator=integrator, progress=searching)
 
 
 def training_signals(case: Case, window: Window) -> TrainingSignals:
