@@ -98,4 +98,4 @@ def test_a_window_is_what_a_record_of_its_rows_would_be(monkeypatch):
     assert checks
     for field in fields(wallid.Record):
         np.testing.assert_equal(getattr(part, field.name), getattr(again, field.name))
-    assert part.faces[0, 0] == 6.0 and part.time[0] == 0.0 and part.rows == 10 and part.face_course[1].shape == (10, 2)
+    assert part.faces[0, 0] == 6.0 and part.time[0] == 0.0 and part.rows == 10 and part.face_slopes.shape == (10, 2)

@@ -11,7 +11,6 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from wallid.records.face_variation import (
-    course_between_rows,
     cubic_error_autocovariance,
     from_cubics_to_lines,
     of_means,
@@ -74,7 +73,6 @@ def test_the_change_from_cubics_to_lines_is_that_of_their_integrals():
 def test_slow_changes_bend_by_a_twelfth_of_their_second_difference():
     values = 0.5 * np.arange(30.0) ** 2
     assert_allclose(from_cubics_to_lines(values)[2:-2], 1 / 12, atol=1e-12)
-    assert_allclose(course_between_rows(np.stack([values, 0 * values], axis=1))[2:-2, 0] - values[2:-2], 0.44 / 12)
 
 
 @settings(deadline=None, max_examples=30)

@@ -45,14 +45,13 @@ def forcing_of_window(case: Case, window: Window) -> ForcingData:
     largest = np.nanmax(np.abs(heating)) if np.isfinite(heating).any() else 0.0
     relative_positions, resistance, capacity = wall_cells(wall, case.choices.nodes)
     positions = wall.length * relative_positions
-    values, slopes = (course[window.as_slice] for course in case.record.face_course)
-    slopes = record.step * slopes
+    slopes = record.step * case.record.face_slopes[window.as_slice]
     coefficients = fit_profile(case, window.row).coefficients
     every_node = full_order_model(case, [Output(x) for x in positions[1:-1]])
     temperatures = np.concatenate([record.faces.ravel(), record.sensors.ravel()])
     return ForcingData(
         step=on_device(record.step),
-        faces=on_device(np.stack([cubic(values[:, side], slopes[:, side]) for side in (0, 1)], axis=-1)),
+        faces=on_device(np.stack([cubic(record.faces[:, side], slopes[:, side]) for side in (0, 1)], axis=-1)),
         irradiance=on_device(regressor("irradiance")),
         outdoor=on_device(regressor("air_outdoor")),
         indoor=on_device(regressor("air_indoor")),

@@ -74,7 +74,7 @@ class ResponseModel:
     def faces(self, start: int, rows: int) -> tuple[Float[np.ndarray, "time face"], Float[np.ndarray, "time face"]]:
         """Face temperatures in a window, degC, and their rates of change, K/s; constant after the record's end."""
         record = self.case.record
-        given = [np.asarray(part[start : start + rows]) for part in record.face_course]
+        given = [np.asarray(part[start : start + rows]) for part in (record.faces, record.face_slopes)]
         beyond = (0, rows - len(given[0])), (0, 0)
         faces, slopes = np.pad(given[0], beyond, mode="edge"), np.pad(given[1], beyond)
         if self.refinement == 1:

@@ -8,10 +8,10 @@ Each gap is one fully correlated error:
 and `s_f` the noise of a face's reading, which the noise covariance contains in every row already.
 
 How a face bends between its rows is one more such error of each face, the same in all rows. The readings do not show
-whether the face is smooth or rough, or whether the logger stores means. One standard deviation is six tenths of the
-change from cubics to straight lines:
+whether the face is smooth or rough, or whether the logger stores means. One standard deviation is seven tenths of
+the change from cubics to straight lines:
 
-    E_f = 0.6 sum_i c_i G_f(i),      c = `from_cubics_to_lines`
+    E_f = 0.7 sum_i c_i G_f(i),      c = `from_cubics_to_lines`
 """
 
 from __future__ import annotations

@@ -105,7 +105,7 @@ def window_data(case: Case, window: Window | None = None, *, weighted: bool = Tr
         )
     return WindowData(
         step=part.step / scale.time,
-        inputs=boundary_inputs(scale, *(course[window.as_slice] for course in case.record.face_course)),
+        inputs=boundary_inputs(scale, part.faces, case.record.face_slopes[window.as_slice]),
         initial=dimensionless_profile(profile.coefficients, scale),
         observed=np.where(present, part.sensors, 0.0),
         weight=present / noise,

@@ -21,7 +21,7 @@ from .._internal.validation import number, set_fields
 from .array_checks import checked_columns, checked_names, checked_regressors, checked_stamps, checked_times
 from .cleaning_log import CleaningLog
 from .dataframe_table import source_name
-from .face_variation import course_between_rows, cubic_errors
+from .face_variation import cubic_errors
 from .file_format import FileFormat, check_unit
 from .reading_pipeline import read_record_arrays
 from .row_times import RecordStart, time_index
@@ -142,13 +142,9 @@ class Record(ResultObject):
         return max(1, round(days * DAY / self.step))
 
     @cached_property
-    def face_course(self) -> tuple[np.ndarray, np.ndarray]:
-        """The faces as monotone cubics between the rows: values, degC, and slopes, K/s, at the rows, (time, 2) each.
-
-        The values are not the readings: the cubics' means over a row are what a wall responds to (`face_variation`).
-        """
-        values = course_between_rows(self.faces)
-        return values, cubic_slopes(values, self.step)
+    def face_slopes(self) -> np.ndarray:
+        """The faces' rates of change at the rows, K/s, (time, 2), by which they are cubics between the rows."""
+        return cubic_slopes(self.faces, self.step)
 
     @cached_property
     def face_errors(self) -> np.ndarray:
