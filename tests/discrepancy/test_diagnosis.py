@@ -228,6 +228,11 @@ def test_a_rival_is_told_and_spans_the_interval(explained):
     near = replace(found.before, active=(other,))
     doubted = replace(found, effects=(replace(named, alternatives=(other,)),), rivals=(near,))
     assert doubted.verdict == "confusable"
+    frame = doubted.to_frame()  # every effect of the library, as ranked
+    assert list(frame.index) == [row.label for row in doubted.table] and frame["expected_gain"].is_monotonic_decreasing
+    assert list(frame.index[frame["named"]]) == [doubted.problem.label(named.effect_parameters.effect)]
+    html = doubted._repr_html_()
+    assert "<table>" in html and "Diagnosis: confusable" in html and "array(" not in html
     low, high = doubted.interval_95
     ends = [*found.after.interval_95, *near.interval_95]
     assert (low, high) == (min(ends), max(ends))

@@ -12,7 +12,7 @@ import numpy as np
 from .._internal.errors import InputError
 from .._internal.html import Row, html_table
 from .._internal.result_object import ResultObject, plain_value
-from .._internal.validation import error_context, number, number_tuple, set_fields
+from .._internal.validation import error_context, number, number_tuple, set_fields, spelling_hint
 from ..records.dataframe_table import with_time_column
 from ..records.uniform_record import Record
 from .case_tables import RECORD_OPTIONS, parse_choices, parse_record, parse_sensors, parse_wall, sensor_tables
@@ -164,12 +164,11 @@ class Case(ResultObject):
         elif noise_std is not None:
             raise InputError("noise_std is for sensors given as {column: position}; each Sensor has its own")
         check_sensors(wall, sensors)
-        choice_names = [one.name for one in fields(Choices)]
-        if unknown := [key for key in options if key not in (*RECORD_OPTIONS, *choice_names)]:
-            raise InputError(
-                f'unknown option "{unknown[0]}"; known are {", ".join((*RECORD_OPTIONS, *choice_names))}, '
-                "and the arguments of Case.from_dataframe"
-            )
+        known = (*RECORD_OPTIONS, *(one.name for one in fields(Choices)))
+        for key in options:
+            if key not in known:
+                hint = spelling_hint(key, known) or f"; known are {', '.join(known)}"
+                raise InputError(f'unknown option "{key}"{hint}')
         choices = parse_choices({k: value for k, value in options.items() if k not in RECORD_OPTIONS}, sensors)
         data, time = with_time_column(data, time)
         stated = {key: value for key, value in options.items() if key in RECORD_OPTIONS}
