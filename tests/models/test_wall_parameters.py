@@ -182,6 +182,7 @@ def sensitivity():
     return S - Z @ np.linalg.lstsq(Z, S, rcond=None)[0]
 
 
+@pytest.mark.usefixtures("faces_known_between_rows")
 def test_the_collinearity_index_is_that_of_differences():
     """Against sensitivities by differences of the finite elements, at the true wall, without noise."""
     exact = case_of(LAYERS, LAYERS, film=(FILM, 0.0), noise=0.0, free=("layers", "film_left"))

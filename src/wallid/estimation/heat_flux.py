@@ -263,7 +263,7 @@ def _second_half_prediction(case: Case, window: Window, fit: GLSFit) -> HeldOutF
     residual = (np.asarray(data.observed) - predicted)[half:, -plates:]
     noise = early.robust or early.noise
     own = np.asarray(fit.noise_shape.sensor_std)[-plates:] ** 2 * (noise.white + noise.autocorrelated)
-    faces = fit.noise_shape.face_variance(noise.white, noise.autocorrelated, noise.correlation)
+    faces = fit.noise_shape.face_variance(noise.white + noise.autocorrelated, 0.0, 0.0)
     late = J[half:, -plates:][..., early.estimated_indices]
     variance = own + faces[-plates:] + np.einsum("tsp,pq,tsq->ts", late, early.covariance, late)
     inside = np.abs(residual) <= NORMAL_95 * np.sqrt(variance)

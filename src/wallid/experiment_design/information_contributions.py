@@ -112,10 +112,11 @@ class WindowContributions:
         step_response = np.cumsum(padded, axis=1).reshape(2, self.bins, self.bin_rows, -1).mean(axis=2)
         # response of a bin's mean to a face temperature that changes for one entire bin, as in NoiseShape
         self.bin_response = np.diff(step_response, axis=1, prepend=0.0)
-        # the faces' noise, and their errors between rows as if they were white too
+        # the faces' noise, and without plates their errors between rows as if they were white too
         steps_per_row = max(1, (self.predicted.faces.shape[1] - 1) // (self.rows - 1))
         errors = self.case.record.face_errors_at(max(1, self.stride // steps_per_row))
-        variance = self.case.record.boundary_noise_std**2 + errors[:, 0] + 2.0 * errors[:, 1:].sum(axis=1)
+        between_rows = np.zeros(2) if fluxes_of(self.case) else errors[:, 0] + 2.0 * errors[:, 1:].sum(axis=1)
+        variance = self.case.record.boundary_noise_std**2 + between_rows
         self.face_std = np.sqrt(np.maximum(variance, 0.0) / self.bin_rows)
         self.face_noise_cache: dict[int, np.ndarray] = {}
         self.has_plates = bool(fluxes_of(self.case))

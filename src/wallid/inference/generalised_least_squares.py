@@ -202,7 +202,7 @@ class _IteratedGLS:
         plates = response.shape[2] - len(case.sensors)
         response[:, :, len(case.sensors) :] *= conductance
         sensor_std = np.array([sensor.noise_std for sensor in case.sensors] + [flux_noise_std(case)] * plates)
-        errors = case.record.face_errors
+        errors = None if plates else case.record.face_errors  # with plates the noise is that of the residual
         return noise_shape_of_record(self.record, response, self.bins, self.spacing, sensor_std, errors)
 
 

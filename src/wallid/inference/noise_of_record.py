@@ -34,7 +34,7 @@ def noise_shape_of_record(
     bins: BinnedReadings,
     spacing: int,
     sensor_std: np.ndarray,
-    face_errors: np.ndarray,
+    face_errors: np.ndarray | None,
 ) -> NoiseShape:
     """The structure of the noise covariance of the binned readings.
 
@@ -43,10 +43,14 @@ def noise_shape_of_record(
         response: response of the readings at the rows to 1 K more at one row of one face, `(face, row, sensor)`.
         bins, spacing: as from `bin_readings`.
         sensor_std: standard deviation of each sensor's readings, K.
-        face_errors: autocovariance of the errors of each face's cubics, K2, `(face, lag)`.
+        face_errors: autocovariance of the errors of each face's cubics, K2, `(face, lag)`; None where what the faces do
+            between rows is part of a noise that is estimated from the residual.
     """
     gaps = gap_errors(record.fill_std, record.boundary_noise_std, response, bins)
-    interpolation = np.concatenate([gaps, bending_errors(record.faces, response, bins)])
+    if face_errors is None:
+        face_errors, interpolation = np.zeros((2, 1)), gaps
+    else:
+        interpolation = np.concatenate([gaps, bending_errors(record.faces, response, bins)])
     response, bins, face_errors = restricted_to_reading_rows(response, bins, spacing, face_errors)
     return NoiseShape(response, bins, sensor_std, record.boundary_noise_std, face_errors, interpolation)
 
