@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 import wallid
 from wallid import plot, workflow
-from wallid._internal.number_formats import format_text
+from wallid._internal.number_formats import format_text, terminal_text
 from wallid.cli.commands import app
 from wallid.discrepancy.acceptance import FIRST_EFFECT_LEVEL
 from wallid.plot import missing_effects as drawn
@@ -66,9 +66,12 @@ def explanation(diagnosed):
 def adequate(explanation):
     """The same, as if nothing had been found beside the plain model."""
     gap = explanation.gap
-    gap = replace(gap, after=gap.before, held_out_after=gap.held_out_before)
+    gap = replace(gap, after=gap.before, held_out_after=gap.held_out_before, noise_floor=gap.before)
+    case = explanation.problem.case
+    wide = replace(case.choices, largest_interval_factor=1e3)  # its plain interval is that of a model that is wrong
     return replace(
         explanation,
+        problem=replace(explanation.problem, case=replace(case, choices=wide)),
         after=explanation.before,
         effects=(),
         residual_tests_after=replace(explanation.residual_tests_before, p_value=0.5),
@@ -441,7 +444,7 @@ def test_diagnose_names_what_is_hidden(diagnosed, explanation):
 def test_diagnose_prints_what_it_found(command, tmp_path, explained, explanation):
     ended = command("diagnose", explained)
     assert ended.exit_code == 0
-    assert str(explanation) in ended.stdout and "missing.png" in ended.stdout
+    assert terminal_text(str(explanation), "utf-8") in ended.stdout and "missing.png" in ended.stdout
     # what is not this result's goes, what is not ours stays
     (tmp_path / "out" / "design.png").write_text("of an earlier run")
     entries = json.loads((tmp_path / "out" / "result.json").read_text())

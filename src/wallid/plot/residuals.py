@@ -16,6 +16,7 @@ from ..discrepancy.diagnosis_result import Diagnosis
 from ..discrepancy.effect_fit import EffectFit
 from ..discrepancy.model_with_effects import face_impulse_response
 from ..discrepancy.residual_tests import ResidualTests
+from ..records.face_variation import BENDING_STD, from_cubics_to_lines
 from .house_style import GREY, axes_or_new, curve_style, line_style, marker_style, sensor_colour
 from .legends import legend_above, legend_below, root_figure, shortened, use_constrained_layout
 from .time_axis import TimeAxis
@@ -154,7 +155,7 @@ def expected_cumulative_power(fit: EffectFit) -> np.ndarray:
 
     The power density is `(white + autocorrelated S(omega)) (sensor_std^2 + boundary_std^2 |H(omega)|^2)
     + V(omega) |H(omega)|^2`. `S` is the spectrum of an AR(1) process, `H` the frequency response of a sensor to the
-    boundary temperatures, and `V` the spectrum of their errors between rows.
+    boundary temperatures, and `V` the spectrum of their errors between rows, random and by bending.
 
     Returns:
         Shares, `(frequency, sensor)`.
@@ -171,7 +172,9 @@ def expected_cumulative_power(fit: EffectFit) -> np.ndarray:
     power = (noise.white + noise.autocorrelated * spectrum)[:, None] * (sensor_std**2 + face_variance)
     errors = problem.case.record.face_errors
     between = errors[:, :1] + 2.0 * errors[:, 1:] @ np.cos(np.outer(np.arange(1, errors.shape[1]), omega))
-    power += np.einsum("fw,fws->ws", np.maximum(between, 0.0), gain)
+    change = BENDING_STD * np.stack([from_cubics_to_lines(face) for face in problem.record.faces.T])
+    bending = np.abs(np.fft.rfft(change, axis=1)[:, 1 : (rows + 1) // 2]) ** 2 / rows
+    power += np.einsum("fw,fws->ws", np.maximum(between, 0.0) + bending, gain)
     return np.cumsum(power, axis=0) / power.sum(axis=0)
 
 
