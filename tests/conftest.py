@@ -5,6 +5,7 @@ import gc
 import os
 import shutil
 import tempfile
+from contextlib import contextmanager
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -63,8 +64,8 @@ def compile_by_need(request):
     os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(hasty).lower()
 
 
-@pytest.fixture(scope="module")
-def faces_known_between_rows():
+@contextmanager
+def no_errors_between_rows():
     """No errors of the faces' cubics: for a truth whose covariance has the stated noise only."""
     from wallid.inference import noise_of_record
     from wallid.records import uniform_record
@@ -72,6 +73,20 @@ def faces_known_between_rows():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(uniform_record, "cubic_errors", lambda faces, step, noise_std: np.zeros((2, 1)))
         patch.setattr(noise_of_record, "BENDING_STD", 0.0)
+        yield
+
+
+@pytest.fixture
+def faces_known_between_rows():
+    """`no_errors_between_rows` in one test."""
+    with no_errors_between_rows():
+        yield
+
+
+@pytest.fixture(scope="module")
+def faces_known_in_all_tests():
+    """`no_errors_between_rows` in all tests of a file, and in what they share."""
+    with no_errors_between_rows():
         yield
 
 

@@ -18,7 +18,7 @@ from wallid.experiment_design.fisher_information import criterion_value, relativ
 from wallid.inference.nuisance_parameters import wiener_filtered_noise
 
 LENGTH, ALPHA, STEP, ROWS, MODES = 0.4, 7e-7, 3600.0, 72, 8
-pytestmark = pytest.mark.usefixtures("faces_known_between_rows")
+pytestmark = pytest.mark.usefixtures("faces_known_in_all_tests")
 
 PARTS = 24  # of a row, between which the true faces are straight lines
 THERE, CANDIDATES = (0.08, 0.31), (0.06, 0.15, 0.2, 0.25, 0.34)

@@ -62,6 +62,7 @@ def test_the_truths_own_series_is_the_analytic_slab():
     assert np.abs(found - want).max() < 6 * (omega * 900) ** 2 / 8
 
 
+@pytest.mark.usefixtures("faces_known_between_rows")
 @pytest.mark.parametrize("kind", ["propagated", "positions", "faces"])
 def test_the_standard_error_is_the_cramer_rao_bound(kind):
     """With noise as stated, against the bound by SciPy with the covariance that the errors are drawn from."""

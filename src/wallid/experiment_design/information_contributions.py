@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -112,15 +113,23 @@ class WindowContributions:
         step_response = np.cumsum(padded, axis=1).reshape(2, self.bins, self.bin_rows, -1).mean(axis=2)
         # response of a bin's mean to a face temperature that changes for one entire bin, as in NoiseShape
         self.bin_response = np.diff(step_response, axis=1, prepend=0.0)
-        # the faces' noise, and without plates their errors between rows as if they were white too
-        steps_per_row = max(1, (self.predicted.faces.shape[1] - 1) // (self.rows - 1))
-        errors = self.case.record.face_errors_at(max(1, self.stride // steps_per_row))
-        between_rows = np.zeros(2) if fluxes_of(self.case) else errors[:, 0] + 2.0 * errors[:, 1:].sum(axis=1)
-        variance = self.case.record.boundary_noise_std**2 + between_rows
-        self.face_std = np.sqrt(np.maximum(variance, 0.0) / self.bin_rows)
         self.face_noise_cache: dict[int, np.ndarray] = {}
         self.has_plates = bool(fluxes_of(self.case))
         self.conductance = wall_conductance(self.case) if self.has_plates else 1.0
+
+    @cached_property
+    def face_std(self) -> np.ndarray:
+        """Standard deviation of each face's mean over a bin, K: its noise, and its errors between rows as if white.
+
+        With plates only the noise: what the faces do between rows is part of a noise that is estimated.
+        """
+        record = self.case.record
+        variance = np.full(2, record.boundary_noise_std**2)
+        if not self.has_plates:
+            steps_per_row = max(1, (self.predicted.faces.shape[1] - 1) // (self.rows - 1))
+            errors = record.face_errors_at(max(1, self.stride // steps_per_row))
+            variance += errors[:, 0] + 2.0 * errors[:, 1:].sum(axis=1)
+        return np.sqrt(np.maximum(variance, 0.0) / self.bin_rows)
 
     def face_noise(self, index: int) -> np.ndarray:
         """Effect of one standard deviation of the faces' white errors on an output, K, `(bin, face and bin)`."""

@@ -39,8 +39,8 @@ _TAPER_BANDWIDTH = 1.9  # frequencies that a Hann taper makes dependent
 _LAGS = 24  # rows, beyond which the errors are uncorrelated
 _FEWEST_ROWS = 24
 _GRID = 2.0 * np.pi * np.arange(256) / 256
-# prior mean and standard deviation of ln(l), ln(m) in rad a row, and of the logit of the share of the stated noise
-_SMOOTH_RATE, _ROUGH_RATE, _NOISE_SHARE = (np.log(0.15), 1.5), (np.log(1.5), 1.5), (2.0, 2.0)
+# priors of ln(l) and ln(m) in rad a row, and of the logit of the share of the stated noise
+_PRIOR_MEAN, _PRIOR_STD = np.array([np.log(0.15), np.log(1.5), 2.0]), np.array([1.5, 1.5, 2.0])
 _SMALLEST_NOISE = 1e-4  # K, so that constant and rounded readings have a finite likelihood
 # the mean of a cubic over the row about its reading: weights of the reading, and of those one and two rows beside it
 _MEAN_OF_CUBIC = (161.0 / 192.0, 18.0 / 192.0, -2.5 / 192.0)
@@ -111,15 +111,13 @@ def _fit(theta: np.ndarray, power: np.ndarray, count: np.ndarray, noise_std: flo
 
     def cost(y: np.ndarray) -> float:
         density = _parts(theta, *np.exp(y[:4])).sum(axis=1) + noise * scipy.special.expit(y[4])
-        priors = (y[[1, 3, 4]] - [_SMOOTH_RATE[0], _ROUGH_RATE[0], _NOISE_SHARE[0]]) / (
-            np.array([_SMOOTH_RATE[1], _ROUGH_RATE[1], _NOISE_SHARE[1]])
-        )
+        priors = (y[[1, 3, 4]] - _PRIOR_MEAN) / _PRIOR_STD
         return float(count @ (np.log(density) + power / density) + priors @ priors)
 
     fits = []
     for rough in (1e-1, 1e-3):
         for rate in (0.3, 1.5):
-            first = [np.log(variance), _SMOOTH_RATE[0], np.log(rough * variance), np.log(rate), _NOISE_SHARE[0]]
+            first = [np.log(variance), _PRIOR_MEAN[0], np.log(rough * variance), np.log(rate), _PRIOR_MEAN[2]]
             options = {"maxfev": 800, "xatol": 1e-2, "fatol": 1e-2}
             fits.append(scipy.optimize.minimize(cost, first, method="Nelder-Mead", options=options))
     return np.exp(min(fits, key=lambda fit: fit.fun).x[:4])

@@ -146,16 +146,23 @@ class Record(ResultObject):
         """The faces' rates of change at the rows, K/s, (time, 2), by which they are cubics between the rows."""
         return cubic_slopes(self.faces, self.step)
 
-    @cached_property
+    @property
     def face_errors(self) -> np.ndarray:
         """Autocovariance of the error of each face's cubics, as a mean over a row, K2, (2, lag in rows)."""
         return self.face_errors_at(1)
 
     def face_errors_at(self, stride: int) -> np.ndarray:
         """`face_errors` of a record with only every so many of the rows, by lag in its rows."""
-        first, rows = self.longest_part
-        part = self.faces[first : first + rows : stride]
-        return cubic_errors(part, stride * self.step, self.boundary_noise_std)
+        if stride not in self._face_errors:
+            first, rows = self.longest_part
+            part = self.faces[first : first + rows : stride]
+            self._face_errors[stride] = cubic_errors(part, stride * self.step, self.boundary_noise_std)
+        return self._face_errors[stride]
+
+    @cached_property
+    def _face_errors(self) -> dict[int, np.ndarray]:
+        """The errors that were computed, by stride: each takes some tenths of a second."""
+        return {}
 
     @cached_property
     def broken(self) -> np.ndarray:
