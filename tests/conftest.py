@@ -40,7 +40,6 @@ prepare_xla()  # as the commands do: most of the tests' time is compilation
 
 import hypothesis  # noqa: E402
 import jax  # noqa: E402
-import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
 hypothesis.settings.register_profile("wallid", deadline=None, derandomize=True, print_blob=True)
@@ -67,12 +66,11 @@ def compile_by_need(request):
 @contextmanager
 def no_errors_between_rows():
     """No errors of the faces' cubics: for a truth whose covariance has the stated noise only."""
-    from wallid.inference import noise_of_record
     from wallid.records import uniform_record
+    from wallid.records.face_variation import FaceErrors
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(uniform_record, "cubic_errors", lambda faces, step, noise_std: np.zeros((2, 1)))
-        patch.setattr(noise_of_record, "BENDING_STD", 0.0)
+        patch.setattr(uniform_record, "cubic_errors", lambda faces, step, noise_std: FaceErrors.none())
         yield
 
 

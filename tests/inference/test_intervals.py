@@ -1,6 +1,7 @@
 """Intervals against truths that are drawn from an analytic slab (no part of wallid), and against bounds."""
 
 import json
+import re
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -28,6 +29,7 @@ from wallid.inference.whittle_likelihood import dct_spectrum, edge_spectrum
 from wallid.models.finite_volume_wall import Output, finite_volume_model
 from wallid.models.sensitivity_equations import simulate_window
 from wallid.models.window_inputs import window_data
+from wallid.records.face_variation import FaceErrors
 from wallid.records.uniform_record import Record
 
 STATED = {"noise": "stated"}
@@ -93,7 +95,7 @@ def test_an_interval_that_forgets_the_faces_is_too_small(monkeypatch):
         1.0
     )
     assert seen.std > 0.9 * counted.std, "the faces themselves show their noise"
-    monkeypatch.setattr(Record, "face_errors", np.zeros((2, 1)))
+    monkeypatch.setattr(Record, "face_errors", FaceErrors.none())
     forgotten = estimated(replace(unstated, record=replace(unstated.record)))
     assert counted.std > 2 * forgotten.std / np.sqrt(max(1.0, forgotten.reduced_chi_square))
 
@@ -348,8 +350,8 @@ def test_the_bootstrap_on_the_command_line(tmp_path):
     [
         (1.0, 0.0, True, ""),
         (1.0, 0.9, True, ""),
-        (0.3, 0.0, True, "noise_std = 0.01"),
-        (2.2, 0.0, True, "noise_std = 0.1"),
+        (0.3, 0.0, True, "noise_std = "),
+        (2.2, 0.0, True, "noise_std = "),
         (2.5, 0.95, False, "times the stated noise"),
         (6.0, 0.0, False, "times the stated noise"),
     ],
@@ -360,6 +362,10 @@ def test_the_noise_found_is_held_against_the_noise_stated(size, memory, reliable
     _, measured, readings = interval.draw(drawn, 11)
     fit = estimated(interval.case_of(interval.Errors(0.05, 0.002), measured, readings))
     assert fit.reliable is reliable, fit.reason
-    assert word in (fit.reason if not reliable else " ".join(fit.advice))
+    words = fit.reason if not reliable else " ".join(fit.advice)
+    assert word in words
     assert bool(fit.advice) is (reliable and bool(word))
+    if fit.advice:
+        stated = re.search(r"noise_std = ([0-9.]+) instead", words)
+        assert stated is not None and float(stated[1]) == pytest.approx(0.05 * size, rel=0.2)
     assert fit.noise_ratio == pytest.approx(size, rel=0.5)

@@ -102,7 +102,7 @@ def test_the_covariance_is_that_of_drawn_noise(hourly):
     sample = np.zeros((draws, sensors * rows))
     for k in range(draws):
         face = [0.08 * truth.noise_course("mixed", rows, rng) + between(model, f, rng) for f in (0, 1)]
-        bend = rng.standard_normal(2) @ model.gap_errors
+        bend = rng.standard_normal(len(model.gap_errors)) @ model.gap_errors
         for s in range(sensors):
             own = 0.05 * truth.noise_course("mixed", rows, rng)
             through = sum(np.convolve(face[f], model.response[f, :, s])[:rows] for f in (0, 1))

@@ -11,7 +11,10 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from wallid.records.face_variation import (
-    cubic_error_autocovariance,
+    FAST_BENDING_STD,
+    SLOW_BENDING_STD,
+    FaceErrors,
+    cubic_errors,
     from_cubics_to_lines,
     of_means,
 )
@@ -27,6 +30,11 @@ def face(rng, gust, days=20):
     memory = np.exp(-1 / 15)
     rough = lfilter([np.sqrt(1 - memory**2)], [1.0, -memory], rng.standard_normal(count))
     return 8 + 3 * np.sin(2 * np.pi * np.arange(count) / 1440) + smooth / smooth.std() + gust * rough
+
+
+def autocovariance(values, step, noise_std):
+    """Of the errors of one face."""
+    return cubic_errors(values[:, None], step, noise_std).autocovariance[0]
 
 
 def mean_of_cubic(values):
@@ -47,7 +55,7 @@ def test_the_error_between_rows_is_predicted_from_the_rows_alone(gust, step):
     weights[[0, -1]] = 0.5
     means = np.convolve(fine, weights / step, mode="valid")[step // 2 :: step][1 : len(rows) - 3]
     error = mean_of_cubic(rows)[: len(means)] - means[: len(rows) - 4]
-    predicted = cubic_error_autocovariance(rows + 0.02 * rng.standard_normal(len(rows)), 60.0 * step, 0.02)
+    predicted = autocovariance(rows + 0.02 * rng.standard_normal(len(rows)), 60.0 * step, 0.02)
     assert np.sqrt(predicted[0]) == pytest.approx(error.std(), rel=0.25)
     slow = of_means(predicted, 6)[0] / np.var(error[: len(error) // 6 * 6].reshape(-1, 6).mean(axis=1))
     assert 0.5 < slow < 2.0, "what a wall responds to most is slow"
@@ -56,18 +64,37 @@ def test_the_error_between_rows_is_predicted_from_the_rows_alone(gust, step):
 def test_a_smooth_face_has_next_to_no_error_and_its_noise_is_none():
     rng = np.random.default_rng(5)
     rows = face(rng, 0.0)[::10] + 0.05 * rng.standard_normal(2880)
-    assert np.sqrt(cubic_error_autocovariance(rows, 600.0, 0.05)[0]) < 0.01
+    assert np.sqrt(autocovariance(rows, 600.0, 0.05)[0]) < 0.01
 
 
 def test_a_constant_face_and_few_rows_have_no_error():
-    assert not cubic_error_autocovariance(np.full(300, 12.0), 3600.0, 0.1).any()
-    assert not cubic_error_autocovariance(np.arange(10.0), 3600.0, 0.1).any()
+    assert not autocovariance(np.full(300, 12.0), 3600.0, 0.1).any()
+    assert not autocovariance(np.arange(10.0), 3600.0, 0.1).any()
 
 
 def test_the_change_from_cubics_to_lines_is_that_of_their_integrals():
     values = np.random.default_rng(6).standard_normal(12)
     lines = (values[1:-3] + 6 * values[2:-2] + values[3:-1]) / 8  # half of each neighbouring line
     assert_allclose(from_cubics_to_lines(values)[2:-2], lines - mean_of_cubic(values), atol=1e-12)
+
+
+def test_the_parts_of_a_face_bend_each_by_its_own_share():
+    """Gusts without memory are in the fast part, weather in the slow part; together they are the whole change."""
+    rng = np.random.default_rng(7)
+    weather, gusts = face(rng, 0.0)[::MINUTES], 0.3 * rng.standard_normal(480)
+    whole = np.stack([weather + gusts, weather], axis=1)
+    slow, fast = cubic_errors(whole, 3600.0, 0.02).bendings(whole, 3600.0)
+    together = slow / SLOW_BENDING_STD + fast / FAST_BENDING_STD
+    assert_allclose(together, [from_cubics_to_lines(values) for values in whole.T], atol=1e-12)
+    assert_allclose(slow[1] / SLOW_BENDING_STD, from_cubics_to_lines(weather), atol=0.02)
+    of_gusts = from_cubics_to_lines(gusts)
+    assert np.corrcoef(fast[0], of_gusts)[0, 1] > 0.95
+    of_weather = SLOW_BENDING_STD * from_cubics_to_lines(weather)
+    assert np.std(slow[0] - of_weather) < 0.3 * SLOW_BENDING_STD * np.std(of_gusts)
+
+
+def test_faces_without_errors_do_not_bend():
+    assert not FaceErrors.none().bendings(np.random.default_rng(8).standard_normal((50, 2)), 3600.0).any()
 
 
 def test_slow_changes_bend_by_a_twelfth_of_their_second_difference():

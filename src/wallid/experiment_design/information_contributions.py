@@ -127,7 +127,7 @@ class WindowContributions:
         variance = np.full(2, record.boundary_noise_std**2)
         if not self.has_plates:
             steps_per_row = max(1, (self.predicted.faces.shape[1] - 1) // (self.rows - 1))
-            errors = record.face_errors_at(max(1, self.stride // steps_per_row))
+            errors = record.face_errors_at(max(1, self.stride // steps_per_row)).autocovariance
             variance += errors[:, 0] + 2.0 * errors[:, 1:].sum(axis=1)
         return np.sqrt(np.maximum(variance, 0.0) / self.bin_rows)
 

@@ -19,6 +19,7 @@ from ..models.integration import Integrator
 from ..models.state_space import StateSpace
 from ..models.wall_parameters import clipped_to_prior
 from ..models.window_inputs import WindowData
+from ..records.face_variation import FaceErrors
 from .gls_fit import GLSFit
 from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, LikelihoodProblem, face_response, minimise
 from .noise_covariance import NoiseCovariance, NoiseShape, bin_readings
@@ -202,7 +203,8 @@ class _IteratedGLS:
         plates = response.shape[2] - len(case.sensors)
         response[:, :, len(case.sensors) :] *= conductance
         sensor_std = np.array([sensor.noise_std for sensor in case.sensors] + [flux_noise_std(case)] * plates)
-        errors = None if plates else case.record.face_errors  # with plates the noise is that of the residual
+        # with plates the noise is that of the residual, which contains what the faces do between rows
+        errors = FaceErrors.none() if plates else case.record.face_errors
         return noise_shape_of_record(self.record, response, self.bins, self.spacing, sensor_std, errors)
 
 

@@ -7,11 +7,10 @@ Each gap is one fully correlated error:
 `fill_std` is the standard error of the interpolated face in row i, `G_f(i)` the readings' response to 1 K more there,
 and `s_f` the noise of a face's reading, which the noise covariance contains in every row already.
 
-How a face bends between its rows is one more such error of each face, the same in all rows. The readings do not show
-whether the face is smooth or rough, or whether the logger stores means. One standard deviation is seven tenths of
-the change from cubics to straight lines:
+How the slow and the fast part of a face bend between its rows are two more such errors of each face, with the same
+share in all rows. The readings do not show whether the face is smooth or rough, or whether the logger stores means:
 
-    E_f = 0.7 sum_i c_i G_f(i),      c = `from_cubics_to_lines`
+    E_f = sum_i c_i G_f(i),      c = `FaceErrors.bendings`
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ import scipy
 from jaxtyping import Float
 
 from .._internal.arrays import on_device
-from ..records.face_variation import BENDING_STD, from_cubics_to_lines
+from ..records.face_variation import FaceErrors
 from ..records.uniform_record import Record
 from .noise_covariance import BinnedReadings, NoiseShape, restricted_to_reading_rows
 
@@ -34,7 +33,7 @@ def noise_shape_of_record(
     bins: BinnedReadings,
     spacing: int,
     sensor_std: np.ndarray,
-    face_errors: np.ndarray | None,
+    face_errors: FaceErrors,
 ) -> NoiseShape:
     """The structure of the noise covariance of the binned readings.
 
@@ -43,16 +42,14 @@ def noise_shape_of_record(
         response: response of the readings at the rows to 1 K more at one row of one face, `(face, row, sensor)`.
         bins, spacing: as from `bin_readings`.
         sensor_std: standard deviation of each sensor's readings, K.
-        face_errors: autocovariance of the errors of each face's cubics, K2, `(face, lag)`; None where what the faces do
-            between rows is part of a noise that is estimated from the residual.
+        face_errors: what the faces do between rows; `FaceErrors.none()` where it is part of a noise that is estimated
+            from the residual.
     """
     gaps = gap_errors(record.fill_std, record.boundary_noise_std, response, bins)
-    if face_errors is None:
-        face_errors, interpolation = np.zeros((2, 1)), gaps
-    else:
-        interpolation = np.concatenate([gaps, bending_errors(record.faces, response, bins)])
-    response, bins, face_errors = restricted_to_reading_rows(response, bins, spacing, face_errors)
-    return NoiseShape(response, bins, sensor_std, record.boundary_noise_std, face_errors, interpolation)
+    bending = bending_errors(face_errors.bendings(record.faces, record.step), response, bins)
+    errors = face_errors.autocovariance
+    response, bins, errors = restricted_to_reading_rows(response, bins, spacing, errors)
+    return NoiseShape(response, bins, sensor_std, record.boundary_noise_std, errors, np.concatenate([gaps, bending]))
 
 
 def gap_errors(
@@ -83,21 +80,22 @@ def gap_errors(
 
 
 def bending_errors(
-    faces: Float[np.ndarray, "time face"], response: np.ndarray, bins: BinnedReadings
-) -> Float[np.ndarray, "face reading"]:
-    """The effect on the binned readings of one standard deviation of how each face bends between its rows, K.
+    bendings: Float[np.ndarray, "part face time"], response: np.ndarray, bins: BinnedReadings
+) -> Float[np.ndarray, "error reading"]:
+    """The effect on the binned readings of one standard deviation of how each part of a face bends, K; none where zero.
 
     Args:
-        faces: the faces' readings, degC.
+        bendings: change of each face's mean over a row, K.
         response: of the readings at the rows to 1 K more at one row of one face, `(face, row, sensor)`.
         bins: the readings and their bins.
     """
-    errors = []
-    for face, own in zip(faces.T, response, strict=True):
-        change = BENDING_STD * from_cubics_to_lines(face)[:, None]
-        effect = scipy.signal.fftconvolve(change, own, axes=0)[: len(face)]
-        errors.append(np.asarray(bins.mean(on_device(effect))))
-    return np.stack(errors)
+    errors = [np.zeros((0, bins.readings))]
+    for part in bendings:
+        for change, own in zip(part, response, strict=True):
+            if change.any():
+                effect = scipy.signal.fftconvolve(change[:, None], own, axes=0)[: len(change)]
+                errors.append(np.asarray(bins.mean(on_device(effect)))[None])
+    return np.concatenate(errors)
 
 
 def _true_runs(mask: np.ndarray) -> list[tuple[int, int]]:

@@ -16,7 +16,6 @@ from ..discrepancy.diagnosis_result import Diagnosis
 from ..discrepancy.effect_fit import EffectFit
 from ..discrepancy.model_with_effects import face_impulse_response
 from ..discrepancy.residual_tests import ResidualTests
-from ..records.face_variation import BENDING_STD, from_cubics_to_lines
 from .house_style import GREY, axes_or_new, curve_style, line_style, marker_style, sensor_colour
 from .legends import legend_above, legend_below, root_figure, shortened, use_constrained_layout
 from .time_axis import TimeAxis
@@ -170,10 +169,11 @@ def expected_cumulative_power(fit: EffectFit) -> np.ndarray:
     gain = np.abs(response) ** 2
     face_variance = problem.record.boundary_noise_std**2 * gain.sum(axis=0)
     power = (noise.white + noise.autocorrelated * spectrum)[:, None] * (sensor_std**2 + face_variance)
-    errors = problem.case.record.face_errors
+    face_errors = problem.case.record.face_errors
+    errors = face_errors.autocovariance
     between = errors[:, :1] + 2.0 * errors[:, 1:] @ np.cos(np.outer(np.arange(1, errors.shape[1]), omega))
-    change = BENDING_STD * np.stack([from_cubics_to_lines(face) for face in problem.record.faces.T])
-    bending = np.abs(np.fft.rfft(change, axis=1)[:, 1 : (rows + 1) // 2]) ** 2 / rows
+    bendings = face_errors.bendings(problem.record.faces, problem.record.step)
+    bending = (np.abs(np.fft.rfft(bendings, axis=-1)[..., 1 : (rows + 1) // 2]) ** 2).sum(axis=0) / rows
     power += np.einsum("fw,fws->ws", np.maximum(between, 0.0) + bending, gain)
     return np.cumsum(power, axis=0) / power.sum(axis=0)
 

@@ -2,8 +2,10 @@
 
 A wall responds to the mean of its face over the time of a row. The mean of a cubic through the readings is right for a
 smooth face, that of straight lines for a face that changes at random. Readings do not show which of the two a face is.
-So each face has an error that is the same in all rows: `BENDING_STD` of the change from cubics to straight lines. On 36
-measured faces that were thinned out (London, Tampere, ice in Nepal) the root mean square of this share was 0.7.
+So each face has an error that is the same share in all rows: of the change from cubics to straight lines. It has a
+share for the slow part of the face (weather, the day) and another for the fast part (gusts). Of gusts that are shorter
+than a row, the mean over a row contains next to nothing of the reading, while a cubic through the reading does. On 36
+measured faces that were thinned out (London, Tampere, ice in Nepal) the root mean square of one share for both was 0.7.
 
 A second error varies from row to row. The temperature of a face is a daily cycle and a Gaussian process with two parts:
 a smooth one (Matern 3/2) and a rough one (Matern 1/2: gusts, clouds, a heater that switches). Their sizes and rates
@@ -16,6 +18,9 @@ The mean of the cubic over a row is in error by a stationary process with the sp
     E(theta) = sum_j S(theta + 2 pi j) (sinc_j - H(theta))^2,      sinc_j = sin(w / 2) / (w / 2)
 
 `H` is the weight that the mean of a cubic over a row gives to the readings around it. Frequencies are in rad a row.
+The slow part is the daily cycle and the smooth process as its Wiener filter finds it in the readings:
+
+    W(theta) = sum_j S_smooth(theta + 2 pi j) / f_d(theta)
 
 Source: P. Whittle, Ark. Mat. 2 (1953), 423; A. M. Yaglom, Correlation Theory of Stationary and Related Random Functions
 (1987), 1.
@@ -23,14 +28,18 @@ Source: P. Whittle, Ark. Mat. 2 (1953), 423; A. M. Yaglom, Correlation Theory of
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy
 from jaxtyping import Float
 
 from .._internal.units import DAY
 
-BENDING_STD = 0.7
-"""Standard deviation of a face's course, from the cubics (0) towards straight lines (1)."""
+SLOW_BENDING_STD = 0.7
+"""Standard deviation of the course of a face's slow part, from the cubics (0) towards straight lines (1)."""
+FAST_BENDING_STD = 3.0
+"""The same of the fast part: gusts of a quarter of a row need about 4, gusts that no two instants share 9."""
 _ALIASES = np.arange(-12, 13)  # multiples of the sampling frequency
 _HARMONICS = 4  # of the day
 _FIRST_FREQUENCY = 3  # of the transform: lower ones hold the trend
@@ -46,29 +55,74 @@ _SMALLEST_NOISE = 1e-4  # K, so that constant and rounded readings have a finite
 _MEAN_OF_CUBIC = (161.0 / 192.0, 18.0 / 192.0, -2.5 / 192.0)
 
 
-def cubic_errors(faces: Float[np.ndarray, "time face"], step: float, noise_std: float) -> np.ndarray:
-    """`cubic_error_autocovariance` of both faces, `(face, lag)`."""
-    return np.stack([cubic_error_autocovariance(face, step, noise_std) for face in faces.T])
-
-
-def cubic_error_autocovariance(values: Float[np.ndarray, " time"], step: float, noise_std: float) -> np.ndarray:
-    """Autocovariance, by lag in rows, of the error of the mean over a row of the cubics through a face's readings.
+@dataclass(frozen=True, eq=False)
+class FaceErrors:
+    """The errors of the cubics through the readings of two faces, as means over a row.
 
     Args:
-        values: the face's readings at uniform rows, degC.
+        autocovariance: of the error that varies from row to row, by lag in rows, K2; zero beyond.
+        slow_weights: of the readings around a row in its slow part, `_LAGS` before it to `_LAGS` after it.
+        bending_std: standard deviation of the share of the slow and of the fast part.
+    """
+
+    autocovariance: Float[np.ndarray, "face lag"]
+    slow_weights: Float[np.ndarray, "face weight"]
+    bending_std: tuple[float, float] = (SLOW_BENDING_STD, FAST_BENDING_STD)
+
+    @classmethod
+    def none(cls) -> FaceErrors:
+        """No errors: faces that are known between their rows, or whose errors are part of another noise."""
+        return cls(np.zeros((2, 1)), np.zeros((2, 1)), (0.0, 0.0))
+
+    def bendings(self, faces: Float[np.ndarray, "time face"], step: float) -> Float[np.ndarray, "part face time"]:
+        """One standard deviation of the change of each face's mean over a row by how its slow and fast parts bend, K.
+
+        Args:
+            faces: readings at uniform rows, degC.
+            step: from row to row, s.
+        """
+        changes = np.zeros((2, *faces.T.shape))
+        if any(self.bending_std):
+            for side, (face, weights) in enumerate(zip(faces.T, self.slow_weights, strict=True)):
+                slow = _slow_part(face, step, weights)
+                for part, std, values in zip((0, 1), self.bending_std, (slow, face - slow), strict=True):
+                    changes[part, side] = std * from_cubics_to_lines(values)
+        return changes
+
+
+def cubic_errors(faces: Float[np.ndarray, "time face"], step: float, noise_std: float) -> FaceErrors:
+    """The errors of the cubics through the readings of two faces.
+
+    Args:
+        faces: readings at uniform rows, degC.
         step: from row to row, s.
-        noise_std: of a reading, K. The error is that without this noise.
+        noise_std: of a reading, K. The errors are those without this noise.
 
     Returns:
-        K2, `(lag,)`; zero where the readings are too few or constant.
+        no error that varies from row to row, and no fast part, where the readings are too few or constant.
     """
+    found = [_errors_of_one(face, step, noise_std) for face in faces.T]
+    return FaceErrors(*(np.stack(arrays) for arrays in zip(*found, strict=True)))
+
+
+def _errors_of_one(values: np.ndarray, step: float, noise_std: float) -> tuple[np.ndarray, np.ndarray]:
+    """Autocovariance and slow weights of one face."""
     if len(values) < _FEWEST_ROWS or np.ptp(values) == 0.0:
-        return np.zeros(_LAGS)
+        return np.zeros(_LAGS), np.eye(2 * _LAGS + 1)[_LAGS]
     theta, power, count = _periodogram(_without_daily_cycle(values, step))
-    smooth, smooth_rate, rough, rough_rate = _fit(theta, power, count, noise_std)
-    frequencies = np.minimum(_GRID, 2.0 * np.pi - _GRID)
-    spectrum = _error_spectrum(np.maximum(frequencies, 1e-6), smooth, smooth_rate, rough, rough_rate)
-    return np.fft.ifft(spectrum).real[:_LAGS]
+    smooth, smooth_rate, rough, rough_rate, noise = _fit(theta, power, count, noise_std)
+    theta = np.maximum(np.minimum(_GRID, 2.0 * np.pi - _GRID), 1e-6)
+    spectrum = _error_spectrum(theta, smooth, smooth_rate, rough, rough_rate)
+    slow = _parts(theta, smooth, smooth_rate, 0.0, rough_rate).sum(axis=1)
+    weights = np.fft.ifft(slow / (_parts(theta, smooth, smooth_rate, rough, rough_rate).sum(axis=1) + noise)).real
+    return np.fft.ifft(spectrum).real[:_LAGS], np.concatenate([weights[-_LAGS:], weights[: _LAGS + 1]])
+
+
+def _slow_part(values: np.ndarray, step: float, weights: np.ndarray) -> np.ndarray:
+    """The daily cycle and the smooth process in a face's readings, degC."""
+    rest = _without_daily_cycle(values, step)
+    padded = np.pad(rest, len(weights) // 2, mode="reflect", reflect_type="odd")
+    return values - rest + np.convolve(padded, weights, mode="valid")
 
 
 def _without_daily_cycle(values: np.ndarray, step: float) -> np.ndarray:
@@ -105,7 +159,7 @@ def _parts(theta: np.ndarray, smooth: float, smooth_rate: float, rough: float, r
 
 
 def _fit(theta: np.ndarray, power: np.ndarray, count: np.ndarray, noise_std: float) -> np.ndarray:
-    """Variance and rate of the smooth part, then of the rough part, by the penalised Whittle likelihood."""
+    """Variance and rate of the smooth part, then of the rough part, and the noise's variance (Whittle likelihood)."""
     noise = max(noise_std, _SMALLEST_NOISE) ** 2
     variance = float(power.max()) * 0.1 + noise
 
@@ -120,7 +174,8 @@ def _fit(theta: np.ndarray, power: np.ndarray, count: np.ndarray, noise_std: flo
             first = [np.log(variance), _PRIOR_MEAN[0], np.log(rough * variance), np.log(rate), _PRIOR_MEAN[2]]
             options = {"maxfev": 800, "xatol": 1e-2, "fatol": 1e-2}
             fits.append(scipy.optimize.minimize(cost, first, method="Nelder-Mead", options=options))
-    return np.exp(min(fits, key=lambda fit: fit.fun).x[:4])
+    best = min(fits, key=lambda fit: fit.fun).x
+    return np.append(np.exp(best[:4]), noise * scipy.special.expit(best[4]))
 
 
 def _error_spectrum(theta: np.ndarray, *parts: float) -> np.ndarray:

@@ -21,7 +21,7 @@ from .._internal.validation import number, set_fields
 from .array_checks import checked_columns, checked_names, checked_regressors, checked_stamps, checked_times
 from .cleaning_log import CleaningLog
 from .dataframe_table import source_name
-from .face_variation import cubic_errors
+from .face_variation import FaceErrors, cubic_errors
 from .file_format import FileFormat, check_unit
 from .reading_pipeline import read_record_arrays
 from .row_times import RecordStart, time_index
@@ -147,12 +147,12 @@ class Record(ResultObject):
         return cubic_slopes(self.faces, self.step)
 
     @property
-    def face_errors(self) -> np.ndarray:
-        """Autocovariance of the error of each face's cubics, as a mean over a row, K2, (2, lag in rows)."""
+    def face_errors(self) -> FaceErrors:
+        """The errors of each face's cubics between the rows."""
         return self.face_errors_at(1)
 
-    def face_errors_at(self, stride: int) -> np.ndarray:
-        """`face_errors` of a record with only every so many of the rows, by lag in its rows."""
+    def face_errors_at(self, stride: int) -> FaceErrors:
+        """`face_errors` of a record with only every so many of the rows."""
         if stride not in self._face_errors:
             first, rows = self.longest_part
             part = self.faces[first : first + rows : stride]
@@ -160,7 +160,7 @@ class Record(ResultObject):
         return self._face_errors[stride]
 
     @cached_property
-    def _face_errors(self) -> dict[int, np.ndarray]:
+    def _face_errors(self) -> dict[int, FaceErrors]:
         """The errors that were computed, by stride: each takes some tenths of a second."""
         return {}
 
