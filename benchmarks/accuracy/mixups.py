@@ -86,9 +86,16 @@ def feet(case, rng):
     return _scaled(case, 1 / 0.3048)
 
 
+def step(case, rng):
+    """Times at half or twice their speed: the day has 12 or 48 hours."""
+    record, factor = case.record, float(rng.choice([0.5, 2.0]))
+    stamps = record.stamps[0] + (record.stamps - record.stamps[0]) * factor
+    return _with(case, time=record.time * factor, stamps=stamps), {("clock", frozenset())}
+
+
 MISTAKES: dict[str, Callable] = {
     one.__name__: one
-    for one in (faces, mirrored, order, exchanged, copy, unit, clock, clock_from_a_row_on, cm, mm, inches, feet)
+    for one in (faces, mirrored, order, exchanged, copy, unit, clock, clock_from_a_row_on, cm, mm, inches, feet, step)
 }
 
 

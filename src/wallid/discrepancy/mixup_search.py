@@ -27,10 +27,11 @@ from .effect_fit import EffectFit, refit
 from .model_with_effects import face_impulse_response, linearise
 from .problem import DiagnosisProblem, diagnosis_problem
 
-_SPREAD = (0.2, 0.5, 1.0, 2.0, 5.0)  # times the prior diffusivity, at which the hypotheses are ranked
+_SPREAD = (0.2, 0.35, 0.6, 1.0, 1.7, 2.9, 5.0)  # times the prior diffusivity, at which the hypotheses are ranked
 _HOURS = (-12, -6, -3, -2, -1, 1, 2, 3, 6, 12)  # by which a clock may be wrong
 _BREAKS = 16  # rows of the record from which on a clock may be wrong, in the first pass
-_FITTED = 4  # hypotheses that are fitted in full
+_FITTED = 4  # hypotheses that are fitted in full, at most
+_WORTH_FITTING = 0.5  # of the gain that is needed, and of the best gain, to first order
 _CLEAR_GAIN = 40.0  # drop of -2 log L for a mix-up: far more than the best of some hundred hypotheses by chance
 _HOUR = 3600.0
 
@@ -75,20 +76,22 @@ def deviance(fit: EffectFit) -> float:
     return fit.cost - fit.problem.bins.nonempty
 
 
-def best_mixup(plain: EffectFit, noise: NoiseCovariance) -> MixupFit | None:
+def best_mixup(plain: EffectFit, noise: NoiseCovariance, highest: float = math.inf) -> MixupFit | None:
     """The mix-up that explains the readings best; None where none explains them far better than the plain model.
 
     Args:
         plain: the fit of the plain model.
         noise: its size and autocorrelation are those of every comparison.
+        highest: deviance that a mix-up has to be below.
     """
-    reference = _refit_with_noise(plain.problem, plain, noise)
-    ranked = _RankedCorrections(plain.problem, reference)
-    fits = [_fit(plain.problem, correction, reference, noise) for correction in ranked.best(_FITTED)]
+    reference = _refit_with_noise(plain.problem, noise, float(plain.parameters[LOG_DIFFUSIVITY]))
+    highest = min(highest, deviance(reference) - _CLEAR_GAIN)
+    ranked = _RankedCorrections(plain.problem, reference).best(_FITTED)
+    gains = [deviance(reference) - one.deviance for one in ranked]
+    needed = _WORTH_FITTING * max([deviance(reference) - highest, *gains])
+    fits = [_fit(plain.problem, one, noise) for one, gain in zip(ranked, gains, strict=True) if gain >= needed]
     best = min(fits, key=lambda fit: fit.deviance, default=None)
-    if best is None or deviance(reference) - best.deviance < _CLEAR_GAIN:
-        return None
-    return best
+    return best if best is not None and best.deviance < highest else None
 
 
 def copied_sensor(plain: EffectFit) -> MixupFit | None:
@@ -102,7 +105,8 @@ def copied_sensor(plain: EffectFit) -> MixupFit | None:
                 continue
             faces, sensors = _with_column(record, name, np.full(record.rows, np.nan))
             if np.isfinite(sensors).any():
-                fits.append(_fit(problem, Correction(mixup, faces, sensors), plain, plain.noise))
+                start = float(plain.parameters[LOG_DIFFUSIVITY])
+                fits.append(_fit(problem, _Ranked(Correction(mixup, faces, sensors), 0.0, start), plain.noise))
     return min(fits, key=lambda fit: fit.deviance, default=None)
 
 
@@ -118,7 +122,7 @@ def wrong_length_unit(plain: EffectFit) -> MixupFit | None:
     fits = []
     for unit, metres in LENGTH_UNITS.items():
         scaled = _scaled(case, metres)
-        fit = _refit_with_noise(diagnosis_problem(scaled), None, plain.noise)
+        fit = _refit_with_noise(diagnosis_problem(scaled), plain.noise)
         if not implausible(fit.diffusivity, prior) and deviance(fit) < deviance(plain) + _CLEAR_GAIN:
             words = f"the lengths are in {unit}, not in m: with them in m the diffusivity is {fit.diffusivity:.3g} m2/s"
             distance = abs(math.log(fit.diffusivity / prior))
@@ -142,21 +146,31 @@ def _scaled(case: Case, metres: float) -> Case:
     return replace(case, wall=wall, sensors=sensors)
 
 
-def _refit_with_noise(problem: DiagnosisProblem, start: EffectFit | None, noise: NoiseCovariance) -> EffectFit:
-    """The plain model fitted under noise of the same size and autocorrelation as another."""
-    parameters = problem.parameters
-    if start is not None:
-        parameters = parameters.with_values({LOG_DIFFUSIVITY: float(start.parameters[LOG_DIFFUSIVITY])})
+def _refit_with_noise(problem: DiagnosisProblem, noise: NoiseCovariance, start: float = 0.0) -> EffectFit:
+    """The plain model fitted under noise of the same size and autocorrelation as another.
+
+    Args:
+        start: logarithm of the first diffusivity over the prior one.
+    """
+    parameters = problem.parameters.with_values({LOG_DIFFUSIVITY: start})
     own = problem.noise_shape(parameters).covariance_of(noise.white, noise.autocorrelated, noise.correlation)
     return refit(problem, (), parameters, own)
 
 
-def _fit(problem: DiagnosisProblem, correction: Correction, reference: EffectFit, noise: NoiseCovariance) -> MixupFit:
-    """The plain model fitted to corrected readings, from the prior and from the plain fit."""
-    case = correction.applied_to(problem.case, problem.record)
-    corrected = diagnosis_problem(case)
-    fits = [_refit_with_noise(corrected, start, noise) for start in (None, reference)]
-    return MixupFit(correction.mixup, case, min(deviance(fit) for fit in fits))
+@dataclass(frozen=True)
+class _Ranked:
+    """A correction, its deviance to first order, and the logarithm of the diffusivity (over the prior one) with it."""
+
+    correction: Correction
+    deviance: float
+    start: float
+
+
+def _fit(problem: DiagnosisProblem, ranked: _Ranked, noise: NoiseCovariance) -> MixupFit:
+    """The plain model fitted to corrected readings."""
+    case = ranked.correction.applied_to(problem.case, problem.record)
+    fit = _refit_with_noise(diagnosis_problem(case), noise, ranked.start)
+    return MixupFit(ranked.correction.mixup, case, deviance(fit))
 
 
 class _RankedCorrections:
@@ -174,32 +188,37 @@ class _RankedCorrections:
             predicted, slope = linearise(problem.model, problem.bins, parameters, names, linear=True)
             design = np.concatenate([self.noise.whitening @ slope.T, np.diag(weight)])
             basis, _ = np.linalg.qr(design / np.maximum(np.linalg.norm(design, axis=0), 1e-300))
-            self.points.append((predicted, face_impulse_response(problem.model, parameters), basis))
+            self.points.append((value, predicted, face_impulse_response(problem.model, parameters), basis))
 
-    def deviance(self, correction: Correction) -> float:
+    def ranked(self, correction: Correction) -> _Ranked:
         """`-2 log L` of corrected readings less their number, at the best of the diffusivities."""
         record, problem = self.problem.record, self.problem
         change = correction.faces - record.faces
-        deviances = []
-        for predicted, response, basis in self.points:
+        residuals = []
+        for _, predicted, response, _ in self.points:
             if change.any():
                 caused = scipy.signal.fftconvolve(change.T[:, :, None], response, axes=1)[:, : record.rows].sum(axis=0)
                 predicted = predicted + caused
-            residual = self.noise.whitening @ problem.binned(np.nan_to_num(correction.sensors - predicted))
+            residuals.append(problem.binned(np.nan_to_num(correction.sensors - predicted)))
+        whitened = self.noise.whitening @ np.stack(residuals, axis=1)
+        deviances = []
+        for residual, (_, _, _, basis) in zip(whitened.T, self.points, strict=True):
             residual = np.pad(residual, (0, len(basis) - len(residual)))
             left = residual - basis @ (basis.T @ residual)
             deviances.append(float(left @ left))
-        return min(deviances) - float(np.isfinite(correction.sensors).sum()) / problem.bins.rows_per_bin
+        best = int(np.argmin(deviances))
+        readings = float(np.isfinite(correction.sensors).sum()) / problem.bins.rows_per_bin
+        return _Ranked(correction, deviances[best] - readings, self.points[best][0])
 
-    def best(self, count: int) -> list[Correction]:
+    def best(self, count: int) -> list[_Ranked]:
         """The corrections with the lowest deviances, the best of each mix-up's kind and targets."""
-        best: dict[tuple[str, tuple[str, ...]], tuple[float, Correction]] = {}
+        best: dict[tuple[str, tuple[str, ...]], _Ranked] = {}
         for correction in self._all():
-            key, value = (correction.mixup.kind, correction.mixup.targets), self.deviance(correction)
-            if key not in best or value < best[key][0]:
-                best[key] = value, correction
-        ordered = sorted(best.values(), key=lambda one: one[0])[:count]
-        return [self._refined(correction) for _, correction in ordered]
+            key, one = (correction.mixup.kind, correction.mixup.targets), self.ranked(correction)
+            if key not in best or one.deviance < best[key].deviance:
+                best[key] = one
+        ordered = sorted(best.values(), key=lambda one: one.deviance)[:count]
+        return [self._refined(one) for one in ordered]
 
     def _all(self) -> Iterator[Correction]:
         record, case = self.problem.record, self.problem.case
@@ -215,19 +234,22 @@ class _RankedCorrections:
                 for row in breaks.tolist():
                     yield _other_clock(record, target, hours, row)
 
-    def _refined(self, correction: Correction) -> Correction:
+    def _refined(self, ranked: _Ranked) -> _Ranked:
         """A clock that is wrong from some row on, with the row found more closely."""
+        correction = ranked.correction
         if not isinstance(correction, _ClockCorrection) or correction.row == 0:
-            return correction
-        width, record = self.problem.record.rows // (_BREAKS + 1), self.problem.record
+            return ranked
+        record, target, hours, row = self.problem.record, correction.target, correction.hours, correction.row
+        width = record.rows // (_BREAKS + 1)
         while width > 1:
-            rows = {correction.row + k * width // 2 for k in (-2, -1, 0, 1, 2)}
-            others = [
-                _other_clock(record, correction.target, correction.hours, row) for row in rows if 0 < row < record.rows
-            ]
-            correction = min(others, key=self.deviance)
+            rows = [row + k * width // 2 for k in (-2, -1, 0, 1, 2)]
+            others = {
+                near: self.ranked(_other_clock(record, target, hours, near)) for near in rows if 0 < near < record.rows
+            }
+            row = min(others, key=lambda near: others[near].deviance)
+            ranked = others[row]
             width //= 2
-        return correction
+        return ranked
 
 
 @dataclass(frozen=True, eq=False)

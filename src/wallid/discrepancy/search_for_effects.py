@@ -90,17 +90,17 @@ def _complete_mixup(plain: _PlainModel, progress: Progress) -> MixupFit | None:
     if plain.explains_the_record:
         return None
     progress("diagnose: trying mix-ups of columns, units and clocks", 0.4)
-    scaled = wrong_length_unit(plain.fit)
-    best = scaled or best_mixup(plain.fit, plain.fit.noise)
-    return best if best is not None and (scaled or not screen(best.case).missing) else None
+    best = best_mixup(plain.fit, plain.fit.noise)
+    if best is not None and not screen(best.case).missing:
+        return best
+    return wrong_length_unit(plain.fit)  # another diffusivity, but the readings are explained no better
 
 
 def _equal_mixup(found: Diagnosis, progress: Progress) -> MixupFit | None:
     """The mix-up that explains the record as well as the effects do, or better, although it leaves something."""
     progress("diagnose: comparing with mix-ups", 0.95)
-    best = best_mixup(found.before, found.after.noise)
     of_effects = penalised_cost(found.after) - found.problem.bins.nonempty
-    return best if best is not None and best.deviance < of_effects + RIVAL else None
+    return best_mixup(found.before, found.after.noise, of_effects + RIVAL)
 
 
 def _search_corrected(plain: _PlainModel, mixup: MixupFit, progress: Progress) -> Diagnosis:

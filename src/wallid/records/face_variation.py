@@ -101,8 +101,8 @@ def cubic_errors(faces: Float[np.ndarray, "time face"], step: float, noise_std: 
     Returns:
         no error that varies from row to row, and no fast part, where the readings are too few or constant.
     """
-    found = [_errors_of_one(face, step, noise_std) for face in faces.T]
-    return FaceErrors(*(np.stack(arrays) for arrays in zip(*found, strict=True)))
+    autocovariance, weights = zip(*(_errors_of_one(face, step, noise_std) for face in faces.T), strict=True)
+    return FaceErrors(np.stack(autocovariance), np.stack(weights))
 
 
 def _errors_of_one(values: np.ndarray, step: float, noise_std: float) -> tuple[np.ndarray, np.ndarray]:
