@@ -23,6 +23,7 @@ _CLEAR_AMPLITUDE = 5.0  # of a daily amplitude over the noise
 _FLUX_CORRELATION = -0.5  # of the daily means of flux and temperature difference, not centred
 _FEW_DAYS, _FLUX_CORRELATION_OF_FEW_DAYS = 3, -0.9
 _PEAK = 8.0  # of the power at a period over that beside it
+_CLEAR_PEAK, _LONG_ENOUGH = 16.0, 10.0  # where there is one at 24 h too; periods in the record
 _PERIODS = (  # of the day's cycle in a record with wrong times, in days, and what then is wrong
     (0.5, "the times run half as fast as the clock: is the step twice as long?"),
     (2.0, "the times run twice as fast as the clock: is the step half as long?"),
@@ -113,11 +114,17 @@ def _flux_signs(case: Case) -> Iterator[Mixup]:
 
 
 def _steps(case: Case) -> Iterator[Mixup]:
-    """Times that run too fast or too slowly: the day's cycle then has another period."""
+    """Times that run too fast or too slowly: the day's cycle then has another period.
+
+    A strong cycle of half a day is the second harmonic of the day. At half the speed it stands at 24 h, and the day
+    itself at 48 h, where no weather has a line.
+    """
     record = case.record
     face = record.faces[:, int(np.argmax(np.ptp(record.faces, axis=0)))]
     if _peak(face, record.step, DAY) >= _PEAK / 2:
-        return
+        at_two_days = _peak(face, record.step, 2.0 * DAY)
+        if record.duration < _LONG_ENOUGH * 2.0 * DAY or at_two_days < _CLEAR_PEAK:
+            return
     for days, words in _PERIODS:
         if _peak(face, record.step, days * DAY) >= _PEAK and _peak(face, record.step, 2.0 * days * DAY) < _PEAK:
             yield Mixup("clock", ("time",), f"the day's cycle has {24.0 * days:.3g} hours in this record: {words}")
