@@ -445,8 +445,10 @@ def test_a_misfit_is_held_against_the_noise_of_plates_and_faces(both):
         return answer(Run(case, fit=replace(both, reduced_chi_square=chi_square)), {"flux_gap": gap})
 
     assert "That is within the noise" in sentence(0.5, 0.5, 1.0)
-    assert "That is more than the stated noise of plates and faces, which gives 0.5 W/m²" in sentence(1.0, 0.5, 4.0)
-    assert "the difference is slower than noise" in sentence(0.5, 0.5, 4.0)
+    assert "That is more than noise: the stated noise of plates and faces accounts for 0.5 W/m²" in sentence(
+        1.0, 0.5, 4.0
+    )
+    assert "this difference lasts for hours, so the model misses something" in sentence(0.5, 0.5, 4.0)
 
 
 def test_a_flux_case_leads_with_resistance_and_u(both):

@@ -55,7 +55,7 @@ class Screening(ResultObject):
         if self.residual_p_value < RESIDUAL_TEST_LEVEL:
             return (
                 "the entire record shows that an effect is missing from the model; none of the known ones alone is "
-                f"likely (omnibus test of the residual: p = {self.residual_p_value:.1g})"
+                f"likely (a test of all that is left, without a named effect: p = {self.residual_p_value:.1g})"
             )
         return ""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from ..discrepancy.effects.catalogue import untestable
@@ -53,7 +54,10 @@ def next_steps(run: Run) -> list[str]:
         steps.append("use the value; `wallid diagnose` tests each effect of the library more closely")
     if run.fit is not None and run.fit.thermal is not None:
         if not run.case.sensors and not run.unreliable_reason:
-            steps.insert(0, "use R and U with their intervals; they count the heat that the wall stores")
+            steps.insert(
+                0,
+                "use R and U with their intervals; they allow for heat that the wall stores, so it need not be steady",
+            )
         steps += [text for one in run.fit.thermal.average_methods for text in _unmet(one)]
     if run.fit is None and run.campaign is None and run.design is not None:
         steps.append("measure on the days of the design, or run `wallid estimate` on them")
@@ -99,6 +103,16 @@ def _after_diagnosis(found: Diagnosis) -> list[str]:
     return steps
 
 
+def _sun_on_faces(found: Diagnosis) -> Iterator[str]:
+    """What a solar gain means in kelvin."""
+    for named in found.effects:
+        effect = named.effect_parameters.effect
+        if effect.name == "solar_gain":
+            ((gain, _),) = named.values.values()
+            face = found.problem.target_name(effect)
+            yield f"With this solar gain the {face} face is {500 * gain:.2g} K warmer at 500 W/m2 of sun than in shade."
+
+
 def relation_of_diffusivities(run: Run) -> str:
     """How the diffusivities of a page are related; empty where there is only one."""
     if run.diagnosis is None or (run.fit is None and run.campaign is None and not run.diagnosis.effects):
@@ -128,6 +142,8 @@ def implications(run: Run, entry: dict[str, Any] | None) -> list[str]:
     (low, high), wall, lines = entry["interval_95"], run.case.wall, []
     if not run.case.sensors:
         return []
+    if run.diagnosis is not None:
+        lines += _sun_on_faces(run.diagnosis)
     if names := materials_like(low, high):
         lines.append(f"Materials with such a diffusivity: {', '.join(names)}.")
     k, c = wall.conductivity, wall.heat_capacity

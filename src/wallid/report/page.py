@@ -42,10 +42,10 @@ _RANKED_ROWS = 10
 _LARGEST_RATIO = 1.25  # of the residual to the stated noise, above which the model does not fit the readings
 
 _BADGES = {
-    "adequate": "no missing effect seen",
-    "named": "missing effect identified",
-    "confusable": "missing effect with rivals",
-    "unnamed": "unknown effect missing",
+    "adequate": "diagnosis: nothing is missing that this record could show",
+    "named": "diagnosis: a missing effect is found",
+    "confusable": "diagnosis: a missing effect is found, but others would explain the record as well",
+    "unnamed": "diagnosis: something unknown is missing",
     "uninformative": "no reliable value",
     None: "estimate",
 }
@@ -97,6 +97,7 @@ def render_page(run: Run, result: dict[str, Any], figures: Sequence[DrawnFigure]
         values=values,
         other_values=values[1:],
         relation=format_text(relation_of_diffusivities(run)),
+        sides=_sides(run),
         implications=[format_text(line) for line in implications(run, _reliable(run, values))],
         steps=[_with_code(format_text(step)) for step in steps],
         first_figure=_first_figure(run),
@@ -142,8 +143,9 @@ def _badge(run: Run, result: dict[str, Any]) -> str:
         return "check: a run would stop" if run.check.stops else "check: a run can go ahead"
     if run.fit is None and run.campaign is None and run.diagnosis is None and not run.unreliable_reason:
         return "design"
-    verdict = result["verdict"]
-    return _BADGES[None] if verdict is None else f"{verdict}: {_BADGES[verdict]}"
+    if run.screening is not None and run.screening.missing:
+        return "estimate: the model does not explain the record"
+    return _BADGES[result["verdict"]]
 
 
 def diffusivities(run: Run, result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
@@ -152,7 +154,8 @@ def diffusivities(run: Run, result: dict[str, Any]) -> list[tuple[str, dict[str,
     if run.diagnosis is not None:
         data = "entire record" if run.case.choices.diagnose_days is None else "diagnosed days"
         if run.diagnosis.after.active:
-            model = "with the nearest effect, refused" if run.diagnosis.incomplete else "with effects"
+            effects = "the effect in the model" if len(run.diagnosis.effects) == 1 else "the effects in the model"
+            model = "with the nearest effect, refused" if run.diagnosis.incomplete else f"with {effects}"
             values.append((f"Diffusivity, {data}, {model}", result["diffusivity"]))
         plain = "diffusivity_before" if run.diagnosis.after.active else "diffusivity"
         values.append((f"Diffusivity, {data}, plain model", result[plain]))
@@ -162,6 +165,12 @@ def diffusivities(run: Run, result: dict[str, Any]) -> list[tuple[str, dict[str,
         data = "best window" if run.design is not None and run.fit.window == run.design.best else "one window"
         values.append((f"Diffusivity, {data}, plain model", diffusivity_entry(run.fit)))
     return [(name, entry) for name, entry in values if entry["value"] is not None]
+
+
+def _sides(run: Run) -> str:
+    """Which face is outside."""
+    inside, outside = ("right", "left") if run.case.wall.outside == "left" else ("left", "right")
+    return f"The {inside} face is inside, the {outside} face is outside. Positions are counted from the left face."
 
 
 def _resistance_and_transmittance(result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
@@ -193,7 +202,7 @@ def _answer(run: Run, result: dict[str, Any]) -> str:
     if run.diagnosis is not None:
         return run.diagnosis.sentence
     if run.unreliable_reason:
-        return f"This record gives no reliable value: {run.unreliable_reason}."
+        return f"{run.unreliable_reason[:1].upper()}{run.unreliable_reason[1:]}."
     if run.campaign is not None:
         (low, high), thermal = run.campaign.interval_95, run.campaign.thermal
         resistance = "" if thermal is None else f", and a resistance from face to face of {thermal.resistance}"
@@ -250,15 +259,14 @@ def _flux_misfit(fit: Estimate, result: dict[str, Any]) -> str:
     """Whether the residual of the fluxes exceeds the stated noise of plates and faces."""
     rms, noise = (result["flux_gap"][key] for key in ("after_W_per_m2", "floor_W_per_m2"))
     residual = f"Simulated and measured fluxes differ by {rms:.2g} W/m2 (root mean square)."
-    expected = f"the stated noise of plates and faces gives {noise:.2g} W/m2"
+    expected = f"the stated noise of plates and faces accounts for {noise:.2g} W/m2"
     if rms > _LARGEST_RATIO * noise:
-        return (
-            f"{residual} That is more than {expected.replace(' gives', ', which gives')}; the interval counts the rest."
-        )
+        return f"{residual} That is more than noise: {expected}. The interval is computed from the difference as it is."
     if fit.reduced_chi_square > _LARGEST_RATIO**2:
         return (
-            f"{residual} Although {expected}, the difference is slower than noise from reading to reading; the "
-            "interval is that of the difference as found."
+            f"{residual} By its size it could be noise: {expected}. But noise changes from reading to reading, and "
+            "this difference lasts for hours, so the model misses something. The interval is computed from "
+            "the difference as it is."
         )
     return f"{residual} That is within the noise: {expected}."
 
