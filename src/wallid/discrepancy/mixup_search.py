@@ -34,6 +34,7 @@ _FITTED = 4  # hypotheses that are fitted in full, at most
 _WORTH_FITTING = 0.5  # of the gain that is needed, and of the best gain, to first order
 _CLEAR_GAIN = 40.0  # drop of -2 log L for a mix-up: far more than the best of some hundred hypotheses by chance
 _HOUR = 3600.0
+_THICK = 5.0  # m, from which on another unit of length is tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,22 +115,29 @@ def wrong_length_unit(plain: EffectFit) -> MixupFit | None:
     """Lengths in another unit than the metre, where the diffusivity is that of no material but would be one with it.
 
     The readings depend on the diffusivity over the squared length only, so they fit as well: the evidence is the value.
+    A wall that is thicker than walls are is evidence too: within its bounds no diffusivity may then fit.
     """
     case = plain.problem.case
     prior = case.wall.diffusivity_prior
-    if not implausible(plain.diffusivity, prior):
+    if not implausible(plain.diffusivity, prior) and case.wall.length < _THICK:
         return None
-    fits = []
+    fits: dict[str, tuple[EffectFit, Case]] = {}
     for unit, metres in LENGTH_UNITS.items():
         scaled = _scaled(case, metres)
         fit = _refit_with_noise(diagnosis_problem(scaled), plain.noise)
         if not implausible(fit.diffusivity, prior) and deviance(fit) < deviance(plain) + _CLEAR_GAIN:
-            words = f"the lengths are in {unit}, not in m: with them in m the diffusivity is {fit.diffusivity:.3g} m2/s"
-            distance = abs(math.log(fit.diffusivity / prior))
-            fits.append((distance, MixupFit(Mixup("length_unit", (), words), scaled, deviance(fit))))
-    lowest = min((fit.deviance for _, fit in fits), default=0.0)
-    close = [one for one in fits if one[1].deviance < lowest + RIVAL]
-    return min(close, key=lambda one: one[0])[1] if close else None
+            fits[unit] = fit, scaled
+    lowest = min((deviance(fit) for fit, _ in fits.values()), default=0.0)
+    close = {unit: fit for unit, (fit, _) in fits.items() if deviance(fit) < lowest + RIVAL}
+    if not close:
+        return None
+    unit, *others = sorted(close, key=lambda name: abs(math.log(close[name].diffusivity / prior)))
+    values = ", or ".join(f"with them in {name} {close[name].diffusivity:.3g} m2/s" for name in others)
+    words = (
+        f"the lengths are in {unit}, not in m: with them in m the diffusivity is {close[unit].diffusivity:.3g} m2/s"
+        f"{f' ({values}, which the readings cannot exclude)' if others else ''}"
+    )
+    return MixupFit(Mixup("length_unit", (), words), fits[unit][1], deviance(close[unit]))
 
 
 def _scaled(case: Case, metres: float) -> Case:
