@@ -63,7 +63,7 @@ def test_the_summary_is_for_people(command):
     sound = command("estimate", "validation")
     assert sound.exit_code == 0 and "verdict" not in sound.stdout
     assert "next         wallid diagnose validation: search" in sound.stdout
-    assert command("estimate", "saint_julien", "--quiet").output == ""
+    assert command("estimate", "validation", "--quiet").output == ""
 
 
 def test_validation_case_finds_its_truth(command, tmp_path):

@@ -187,7 +187,7 @@ def test_control_c_at_a_question_writes_nothing(tmp_path):
 
     (tmp_path / "record.csv").write_text(plain_record(), "utf-8")
     status, shown = in_terminal("", "new", tmp_path / "record.csv", until=b"ength")
-    assert status == 130 and shown.splitlines()[-1] == NOTHING.strip()
+    assert status == 130 and NOTHING.strip() in shown.splitlines(), "the rest of the question may come after it"
     assert [path.name for path in tmp_path.iterdir()] == ["record.csv"]
 
 

@@ -192,14 +192,6 @@ def test_a_record_too_short_to_hold_days_out_is_explained_all_the_same(tmp_path)
     ("hidden", "wall"),
     [
         ((("solar_gain", "left", {"gain": 0.005}), ("sensor_lag", "T2", {"time_constant": 5400.0})), {}),
-        # one derivative tells little of the film, so the two look like other pairs before the film is refitted
-        (
-            (
-                ("surface_film", "right", {"film_length": 0.06}),
-                ("phase_change", None, {"area": 7.0, "temperature": 0.0}),
-            ),
-            {"length": 0.247, "positions": (0.045, 0.14, 0.201), "diffusivity": 5e-7, "outdoor_mean": 2.0},
-        ),
     ],
 )
 def test_two_hidden_effects_are_both_named(explained, hidden, wall):
