@@ -448,7 +448,7 @@ def test_a_misfit_is_held_against_the_noise_of_plates_and_faces(both):
     assert "That is more than noise: the stated noise of plates and faces accounts for 0.5 W/m²" in sentence(
         1.0, 0.5, 4.0
     )
-    assert "this difference lasts for hours, so the model misses something" in sentence(0.5, 0.5, 4.0)
+    assert "this difference lasts for hours" in sentence(0.5, 0.5, 4.0)
 
 
 def test_a_flux_case_leads_with_resistance_and_u(both):

@@ -263,7 +263,11 @@ def test_answer_certainty_and_next_step_are_in_the_first_box(run, fit):
     box = text[text.index('<section class="answer') : text.index("</section>")]
     assert "(1.000 ± 0.025) × 10⁻⁶ m²/s" in box and "95 %: 0.900 × 10⁻⁶ to 1.100 × 10⁻⁶" in box
     assert "<strong>Next:</strong> Use the value; <code>wallid diagnose</code> tests" in box and "`" not in box
-    assert "Materials with such a diffusivity" not in box and "Materials with such a diffusivity" in text
+    assert "With the stated conductivity" not in box and "With the stated conductivity" in text
+    unknown = replace(run.case, wall=replace(run.case.wall, conductivity=None, heat_capacity=None))
+    found = Run(unknown, fit=fit)
+    text = render_page(found, report.result_entries(found), [])
+    assert "Materials with such a diffusivity" in text and "With the stated" not in text
 
 
 @pytest.mark.filterwarnings("ignore:Glyph")  # no font has every sign

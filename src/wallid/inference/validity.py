@@ -165,6 +165,19 @@ def noise_ratio(fit: GLSFit) -> float:
     return math.nan if noise is None else math.sqrt(noise.white + noise.autocorrelated)
 
 
+def _log_std_of_noise(fit: GLSFit) -> float:
+    """Standard error of ln of the noise found: few rows with a long memory show its size badly.
+
+        Var(ln s) = (1 + 2 sum_k r_k^2) / (2 n),      r_k = share rho^k
+
+    Source: M. S. Bartlett, J. R. Stat. Soc. Suppl. 8 (1946), 27.
+    """
+    noise = fit.noise
+    share = noise.autocorrelated / max(noise.white + noise.autocorrelated, 1e-300)
+    memory = (share * noise.correlation) ** 2 / max(1.0 - noise.correlation**2, 1e-12)
+    return math.sqrt((1.0 + 2.0 * memory) / (2.0 * max(noise.degrees_of_freedom, 1.0)))
+
+
 def why_noisier(fit: GLSFit) -> str:
     """Why the residual is more than the stated noise of the sensors, or an empty string.
 
@@ -172,7 +185,7 @@ def why_noisier(fit: GLSFit) -> str:
     heat flux it is not tested: there the weights are those of the stated noise.
     """
     ratio = noise_ratio(fit)
-    if fit.robust is not None or not ratio > _LARGER:
+    if fit.robust is not None or not ratio * math.exp(-_log_std_of_noise(fit)) > _LARGER:
         return ""
     share = fit.noise.autocorrelated / (fit.noise.white + fit.noise.autocorrelated)
     if ratio < FAR_LARGER and share < _REMEMBERED:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..discrepancy.effects.catalogue import untestable
 from ..discrepancy.summary import separating_measurement
-from ..estimation.heat_flux import R_SURFACES
+from ..estimation.heat_flux import R_SURFACES, SURFACES_TEXT
 from ..estimation.materials import materials_like
 
 if TYPE_CHECKING:
@@ -49,14 +49,17 @@ def next_steps(run: Run) -> list[str]:
     if run.fit is not None and run.fit.reason and "wallid diagnose" not in run.fit.reason:
         steps.append("take days with larger variations of the face temperatures, a longer window, or a further sensor")
     if missing or (run.fit is not None and "wallid diagnose" in run.fit.reason):
-        steps.append("run `wallid diagnose` on the case: it names the missing effect and corrects the diffusivity")
+        steps.append(
+            "run `wallid diagnose` on the case: it fits the effects, says which one is missing, and corrects the "
+            "diffusivity for it"
+        )
     elif run.fit is not None and run.case.sensors and not run.unreliable_reason:
         steps.append("use the value; `wallid diagnose` tests each effect of the library more closely")
     if run.fit is not None and run.fit.thermal is not None:
         if not run.case.sensors and not run.unreliable_reason:
             steps.insert(
                 0,
-                "use R and U with their intervals; they allow for heat that the wall stores, so it need not be steady",
+                "use R and U with their intervals; stored heat is allowed for, so days need not be steady",
             )
         steps += [text for one in run.fit.thermal.average_methods for text in _unmet(one)]
     if run.fit is None and run.campaign is None and run.design is not None:
@@ -144,9 +147,9 @@ def implications(run: Run, entry: dict[str, Any] | None) -> list[str]:
         return []
     if run.diagnosis is not None:
         lines += _sun_on_faces(run.diagnosis)
-    if names := materials_like(low, high):
-        lines.append(f"Materials with such a diffusivity: {', '.join(names)}.")
     k, c = wall.conductivity, wall.heat_capacity
+    if k is None and (names := materials_like(low, high)):
+        lines.append(f"Materials with such a diffusivity: {', '.join(names)}.")
     if c is not None and k is None:
         ends = [c * alpha for alpha in (low, entry["value"], high)]
         u = [1.0 / (wall.length / one + R_SURFACES) for one in ends]
@@ -158,6 +161,6 @@ def implications(run: Run, entry: dict[str, Any] | None) -> list[str]:
         u_value = 1.0 / (wall.length / k + R_SURFACES)
         lines.append(
             f"With the stated conductivity of {k:.3g} W/m/K the heat capacity is {k / entry['value']:.3g} J/m3/K "
-            f"({k / high:.3g} to {k / low:.3g}); U is {u_value:.3g} W/m2/K."
+            f"({k / high:.3g} to {k / low:.3g}); U is {u_value:.3g} W/m2/K, {SURFACES_TEXT}."
         )
     return lines

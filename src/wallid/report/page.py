@@ -260,14 +260,14 @@ def _flux_misfit(fit: Estimate, result: dict[str, Any]) -> str:
     rms, noise = (result["flux_gap"][key] for key in ("after_W_per_m2", "floor_W_per_m2"))
     residual = f"Simulated and measured fluxes differ by {rms:.2g} W/m2 (root mean square)."
     expected = f"the stated noise of plates and faces accounts for {noise:.2g} W/m2"
+    lasting = "noise changes from reading to reading, this difference lasts for hours"
+    widened = (
+        "What causes it is not modelled, but it is counted: the intervals are as wide as this difference makes them."
+    )
     if rms > _LARGEST_RATIO * noise:
-        return f"{residual} That is more than noise: {expected}. The interval is computed from the difference as it is."
+        return f"{residual} That is more than noise: {expected}. {widened}"
     if fit.reduced_chi_square > _LARGEST_RATIO**2:
-        return (
-            f"{residual} By its size it could be noise: {expected}. But noise changes from reading to reading, and "
-            "this difference lasts for hours, so the model misses something. The interval is computed from "
-            "the difference as it is."
-        )
+        return f"{residual} That is no more than noise ({expected}), but {lasting}. {widened}"
     return f"{residual} That is within the noise: {expected}."
 
 
