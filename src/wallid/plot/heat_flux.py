@@ -55,13 +55,13 @@ def measured_flux(case: Case, fit: Estimate, plate: int, *, ax: Axes | None = No
     days = axis.at(case.record.days[fit.window.as_slice])
     present = np.isfinite(fit.residual[:, fit.sensor_count + plate])
     half = np.where(present, flux_interval(case, fit, plate), np.nan)
-    interval_band(ax, days, predicted, half, GREY, 0.25)
+    interval_band(ax, days, predicted, half, GREY, 0.25, "95 % of a reading")
     readings = case.record.regressors[f"flux_{face}"][fit.window.as_slice]
     # a thin dark line on wide bright dots, so that both are visible where they agree
     ax.plot(*downsampled(days, readings), "o", ms=3.5, mew=0, color=ORANGE, label="measured")
     ax.plot(*downsampled(days[present], predicted[present]), color=BLUE, lw=1.1, label="simulated")
     axis.apply(ax)
-    ax.set(ylabel="heat flux (W/m²)", title=f"Flux at the {face} face, positive along +x")
+    ax.set(ylabel="heat flux (W/m²)", title=f"Flux at the {face} face, left to right positive")
     legend_above(ax)
     return ax
 
@@ -104,7 +104,7 @@ def flux_density(case: Case, fit: Estimate, plate: int, *, ax: Axes | None = Non
     ax = axes_or_new(ax)
     residual = fit.residual[:, fit.sensor_count + plate]
     residual_densities(
-        ax, (("estimate", residual, PURPLE),), np.full(len(residual), _noise(case, fit, plate)), "stated noise"
+        ax, (("residual", residual, PURPLE),), np.full(len(residual), _noise(case, fit, plate)), "stated noise"
     )
     ax.set(xlabel="measured minus simulated (W/m²)", ylabel="density (m²/W)", title="Density of the residual")
     legend_above(ax)

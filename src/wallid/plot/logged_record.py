@@ -38,11 +38,19 @@ def downsampled(days: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nd
     return days[rows], values[rows]
 
 
-def interval_band(ax: Axes, days: np.ndarray, middle: np.ndarray, half: np.ndarray, colour: str, alpha: float) -> None:
+def interval_band(
+    ax: Axes,
+    days: np.ndarray,
+    middle: np.ndarray,
+    half: np.ndarray,
+    colour: str,
+    alpha: float,
+    label: str | None = None,
+) -> None:
     """Draw the band `middle ± half` over time; of a long series, at every n-th row only."""
     rows = slice(None, None, max(1, len(days) // _BAND_POINTS))
     low, high = (middle - half)[rows], (middle + half)[rows]
-    ax.fill_between(days[rows], low, high, color=colour, alpha=alpha, lw=0)
+    ax.fill_between(days[rows], low, high, color=colour, alpha=alpha, lw=0, label=label)
 
 
 def record(case: Case, window: Window | None = None, *, spikes: bool = False, ax: Axes | None = None) -> Axes:

@@ -66,10 +66,10 @@ def _estimate_caption(run: Run) -> str:
     if not run.case.sensors:
         return "Convergence of the estimate, and the relative changes of cost and diffusivity that stop the iteration."
     return (
-        "Top: measured and simulated temperatures in the window, and the residual. Shaded: 95 % interval of a reading, "
-        "from the stated sensor noise and the standard error of the diffusivity. Bottom: convergence of the "
-        "diffusivity, and the relative changes of cost and diffusivity that stop the iteration; the dotted line is the "
-        "start of the generalised least-squares (GLS) fit."
+        "Top: measured and simulated temperatures in the window (the few days that were used), and the residual. "
+        "Shaded: 95 % interval of a reading, from the stated sensor noise and the standard error of the diffusivity. "
+        "Bottom: convergence of the diffusivity, and the relative changes of cost and diffusivity that stop the "
+        "iteration; the dotted line is the start of the generalised least-squares (GLS) fit."
     )
 
 
