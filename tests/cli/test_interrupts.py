@@ -53,25 +53,18 @@ IN_FIGURES = """
 from matplotlib.figure import Figure
 Figure.savefig = lambda *args, **options: send()
 """
-IN_TEMPORARY_FILES = """
+AT_THE_FIRST_CALL = """
 from pathlib import Path
-write = Path.write_bytes
-def write_bytes(path, content):
+original = {function}
+def interrupted(*args):
     if not sent:
-        sent.append(path)
+        sent.append(args)
         send(pause=0.5)
-    return write(path, content)
-sent, Path.write_bytes = [], write_bytes
+    return original(*args)
+sent, {function} = [], interrupted
 """
-WHILE_FILES_MOVE = """
-replace = os.replace
-def move(source, target):
-    if not sent:
-        sent.append(source)
-        send(pause=0.5)
-    replace(source, target)
-sent, os.replace = [], move
-"""
+IN_TEMPORARY_FILES = AT_THE_FIRST_CALL.format(function="Path.write_bytes")
+WHILE_FILES_MOVE = AT_THE_FIRST_CALL.format(function="os.replace")
 AFTER_THE_FILES = """
 from wallid.cli import execution
 execution.print_output = lambda *args, **options: send()

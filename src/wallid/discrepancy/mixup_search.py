@@ -90,7 +90,11 @@ def best_mixup(plain: EffectFit, noise: NoiseCovariance, highest: float = math.i
     ranked = _RankedCorrections(plain.problem, reference).best(_FITTED)
     gains = [deviance(reference) - one.deviance for one in ranked]
     needed = _WORTH_FITTING * max([deviance(reference) - highest, *gains])
-    fits = [_fit(plain.problem, one, noise) for one, gain in zip(ranked, gains, strict=True) if gain >= needed]
+    fits = [
+        _fit(plain.problem, one.correction, noise, one.start)
+        for one, gain in zip(ranked, gains, strict=True)
+        if gain >= needed
+    ]
     best = min(fits, key=lambda fit: fit.deviance, default=None)
     return best if best is not None and best.deviance < highest else None
 
@@ -107,7 +111,7 @@ def copied_sensor(plain: EffectFit) -> MixupFit | None:
             faces, sensors = _with_column(record, name, np.full(record.rows, np.nan))
             if np.isfinite(sensors).any():
                 start = float(plain.parameters[LOG_DIFFUSIVITY])
-                fits.append(_fit(problem, _Ranked(Correction(mixup, faces, sensors), 0.0, start), plain.noise))
+                fits.append(_fit(problem, Correction(mixup, faces, sensors), plain.noise, start))
     return min(fits, key=lambda fit: fit.deviance, default=None)
 
 
@@ -174,11 +178,11 @@ class _Ranked:
     start: float
 
 
-def _fit(problem: DiagnosisProblem, ranked: _Ranked, noise: NoiseCovariance) -> MixupFit:
-    """The plain model fitted to corrected readings."""
-    case = ranked.correction.applied_to(problem.case, problem.record)
-    fit = _refit_with_noise(diagnosis_problem(case), noise, ranked.start)
-    return MixupFit(ranked.correction.mixup, case, deviance(fit))
+def _fit(problem: DiagnosisProblem, correction: Correction, noise: NoiseCovariance, start: float) -> MixupFit:
+    """The plain model fitted to corrected readings; `start` as in `_refit_with_noise`."""
+    case = correction.applied_to(problem.case, problem.record)
+    fit = _refit_with_noise(diagnosis_problem(case), noise, start)
+    return MixupFit(correction.mixup, case, deviance(fit))
 
 
 class _RankedCorrections:

@@ -30,6 +30,7 @@ from ..inference.parameters import target_of
 from ..inference.physical_bounds import PHYSICAL_BOUNDS
 from ..inference.quantity import NORMAL_95, Quantity, lognormal, quantity_frame
 from ..models.flux_plates import fluxes_of
+from ..models.wall_parameters import R_INSIDE, R_OUTSIDE
 from ..models.window_inputs import window_data
 from .iso_9869 import AverageMethod, average_method
 from .pooled_mean import PooledMean, covariance_with_shared_errors, pooled_mean
@@ -37,7 +38,6 @@ from .pooled_mean import PooledMean, covariance_with_shared_errors, pooled_mean
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-R_INSIDE, R_OUTSIDE = 0.13, 0.04  # m2 K/W (ISO 6946)
 R_SURFACES = R_INSIDE + R_OUTSIDE
 SURFACES_TEXT = f"with surface resistances of {R_INSIDE:g} inside and {R_OUTSIDE:g} m2 K/W outside (ISO 6946)"
 _MIN_HALF_ROWS = 50  # of the first half of a window, to predict the second half

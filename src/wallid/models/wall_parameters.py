@@ -26,7 +26,8 @@ from .state_space import StateSpace
 
 LAYER_STD = 0.5  # of ln(k_i / k_1)
 FILM_STD = 1.0  # of ln(k / h)
-_FILM_COEFFICIENT = {"inside": 1 / 0.13, "outside": 1 / 0.04}  # W/m2/K
+R_INSIDE, R_OUTSIDE = 0.13, 0.04
+"""Surface resistances inside and outside (ISO 6946), m2 K/W."""
 _BOUND = 4.0  # of the search, in prior standard deviations
 
 
@@ -50,9 +51,9 @@ def clipped_to_prior(values: np.ndarray) -> np.ndarray:
 
 
 def film_prior(case: Case, face: str) -> float:
-    """The prior film length of a face: conductivity over its standard film coefficient, m."""
+    """The prior film length of a face: conductivity times its standard surface resistance, m."""
     k = case.wall.effective_conductivity
-    return (1.0 if k is None else k) / _FILM_COEFFICIENT["inside" if face == case.wall.inside else "outside"]
+    return (1.0 if k is None else k) * (R_INSIDE if face == case.wall.inside else R_OUTSIDE)
 
 
 def film_lengths_at(case: Case, names: Sequence[str], values: np.ndarray) -> tuple[float, float]:

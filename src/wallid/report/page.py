@@ -169,8 +169,8 @@ def diffusivities(run: Run, result: dict[str, Any]) -> list[tuple[str, dict[str,
 
 def _sides(run: Run) -> str:
     """Which face is outside."""
-    inside, outside = ("right", "left") if run.case.wall.outside == "left" else ("left", "right")
-    return f"The {inside} face is inside, the {outside} face is outside. Positions are counted from the left face."
+    wall = run.case.wall
+    return f"The {wall.inside} face is inside, the {wall.outside} face is outside. Positions count from the left face."
 
 
 def _resistance_and_transmittance(result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
