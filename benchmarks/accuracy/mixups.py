@@ -12,9 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.accuracy.discrepancy.scenarios import NOISES, nulls
-from benchmarks.reference.simulator_with_effects import write_case
+from benchmarks.reference.simulator_with_effects import FINE_STEP, spin_up, temperatures, weather, write_case
 
 Answer = tuple[str, frozenset[str]]
+CONDUCTIVITY, PLATE_NOISE = 0.8, 1.0  # W/(m K), W/m2
 
 
 def faces(case, rng):
@@ -93,9 +94,31 @@ def step(case, rng):
     return _with(case, time=record.time * factor, stamps=stamps), {("clock", frozenset())}
 
 
+def flux_sign(case, rng):
+    """A plate on one face that was wired or placed the other way round."""
+    key = str(rng.choice(["flux_left", "flux_right"]))
+    fluxes = case.record.regressors | {key: -case.record.regressors[key]}
+    return _with(case, regressors=fluxes), {("flux_sign", frozenset([key]))}
+
+
 MISTAKES: dict[str, Callable] = {
     one.__name__: one
-    for one in (faces, mirrored, order, exchanged, copy, unit, clock, clock_from_a_row_on, cm, mm, inches, feet, step)
+    for one in (
+        faces,
+        mirrored,
+        order,
+        exchanged,
+        copy,
+        unit,
+        clock,
+        clock_from_a_row_on,
+        cm,
+        mm,
+        inches,
+        feet,
+        step,
+        flux_sign,
+    )
 }
 
 
@@ -120,6 +143,19 @@ def _changed_column(case, rng, change, kind):
     return _with(case, faces=both), {(kind, frozenset([("left face", "right face")[k - count]]))}
 
 
+def with_plates(case, spec, rng):
+    """The case with a heat flux plate on each face, from the gradient in the last millimetre of the true wall."""
+    drive, near = weather(spec, spin_up(spec)), 1e-3
+    inside = temperatures(spec, drive, [near, spec.length - near])
+    rows = round(-drive["time"][0] / FINE_STEP) + np.arange(spec.rows) * round(spec.step / FINE_STEP)
+    gradients = {"flux_left": drive["left"] - inside[:, 0], "flux_right": inside[:, 1] - drive["right"]}
+    fluxes = {
+        key: CONDUCTIVITY * gradient[rows] / near + PLATE_NOISE * rng.standard_normal(spec.rows)
+        for key, gradient in gradients.items()
+    }
+    return _with(case, regressors=case.record.regressors | fluxes)
+
+
 def _scaled(case, factor):
     wall = replace(case.wall, length=factor * case.wall.length)
     sensors = tuple(
@@ -136,7 +172,10 @@ def one(name: str, number: int, seed: int) -> tuple[bool, str]:
     with tempfile.TemporaryDirectory() as folder:
         write_case(spec, folder)
         case = wallid.load(folder)
-    wrong, right = MISTAKES[name](case, np.random.RandomState([seed, number, list(MISTAKES).index(name)]))
+    rng = np.random.RandomState([seed, number, list(MISTAKES).index(name)])
+    if name == "flux_sign":
+        case = with_plates(case, spec, rng)
+    wrong, right = MISTAKES[name](case, rng)
     found = wallid.diagnose(wrong)
     said = [(mixup.kind, frozenset(mixup.targets)) for mixup in found.mixups]
     right_kinds = {kind for kind, targets in right if not targets}
