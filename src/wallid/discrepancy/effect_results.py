@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from .._internal.number_formats import value_and_std
 from .cross_validation import EffectByWindow
@@ -49,6 +49,8 @@ class NamedEffect:
         p_value: of the gain, family-wise over the entire library.
         alternatives: rival effects, which this record cannot distinguish from it.
         windows: its size in each quarter of the record.
+        without: the fit without this effect.
+        exchanged: fits with another effect in its place.
     """
 
     effect_parameters: EffectParameters
@@ -58,6 +60,8 @@ class NamedEffect:
     p_value: float
     alternatives: tuple[EffectParameters, ...]
     windows: EffectByWindow
+    without: EffectFit = field(repr=False)
+    exchanged: tuple[EffectFit, ...] = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)

@@ -205,14 +205,26 @@ class StepwiseSelection:
             values = {
                 key: (float(fit.parameters[name]), fit.std(name)) for key, name in effect_parameters.full_names.items()
             }
-            close = [other for other in self.rivals if penalised_cost(other) - penalised_cost(fit) < RIVAL]
-            rivals = [
-                other for other in close if set(base.active) < set(other.active) and not reason_for_refusal(other)
-            ]
-            alternatives = tuple(next(e for e in other.active if e not in base.active) for other in rivals)
-            windows = effect_by_window(fit, effect_parameters)
-            p_value = scores.p_value(gain)
-            named_effects.append(NamedEffect(effect_parameters, values, expected, gain, p_value, alternatives, windows))
+            exchanged = [other for other in self.rivals if set(base.active) < set(other.active)]
+            close = [other for other in exchanged if penalised_cost(other) - penalised_cost(fit) < RIVAL]
+            alternatives = tuple(
+                next(e for e in other.active if e not in base.active)
+                for other in close
+                if not reason_for_refusal(other)
+            )
+            named_effects.append(
+                NamedEffect(
+                    effect_parameters,
+                    values,
+                    expected,
+                    gain,
+                    scores.p_value(gain),
+                    alternatives,
+                    effect_by_window(fit, effect_parameters),
+                    base,
+                    tuple(exchanged),
+                )
+            )
         return tuple(sorted(named_effects, key=lambda named: -named.gain))
 
 

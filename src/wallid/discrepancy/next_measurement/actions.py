@@ -1,0 +1,103 @@
+"""The actions after which a diagnosis may name the right effect, with their effort."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+from ..problem import EffectParameters
+
+ActionKind = Literal["sensor", "column", "longer", "shade", "heating"]
+EFFORTS: Mapping[str, float] = {"column": 1.0, "longer": 1.0, "shade": 2.0, "heating": 2.0, "sensor": 3.0}
+"""The default effort of each action, relative to that of logging one more column."""
+HELPFUL = 0.5
+"""The probability from which an action is proposed."""
+_MOST_SHOWN = 5
+_PROBABILITY_PER_EFFORT = 0.05  # by which an action must be more probable for each unit of effort
+
+
+@dataclass(frozen=True)
+class Action:
+    """A change of the next record, and the probability that its diagnosis is right.
+
+    Args:
+        kind: of the action.
+        parameters: of the action, as in result.json.
+        days: length of the record that it needs, days.
+        effort: relative to that of logging one more column.
+        probability: that the true effect is named in the next record, and no other is an alternative.
+    """
+
+    kind: ActionKind
+    parameters: dict[str, Any]
+    days: float
+    effort: float
+    probability: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """The entry of result.json."""
+        numbers = {"days": self.days, "probability": self.probability, "effort": self.effort}
+        return {"kind": self.kind, **self.parameters, **numbers}
+
+    def with_probability(self, probability: float) -> Action:
+        """The same action with another probability."""
+        return replace(self, probability=probability)
+
+    @property
+    def words(self) -> str:
+        """What to do, in words."""
+        match self.kind:
+            case "sensor":
+                return f"one more temperature sensor, {self.parameters['position']:.3g} m from the left face"
+            case "column":
+                return f"log the {_COLUMN_WORDS.get(self.parameters['column'], self.parameters['column'])}"
+            case "longer":
+                return f"record {self.days:.3g} days in the same way"
+            case "shade":
+                return f"shade the {self.parameters['face']} face during the second half of the record"
+            case "heating":
+                power, hours = self.parameters["power"], self.parameters["hours"]
+                return f"heat the inner face once with {power:.0f} W/m2 for {hours:.0f} h"
+
+
+_COLUMN_WORDS = {
+    "irradiance": "irradiance on the outer face",
+    "air_outdoor": "outdoor air temperature",
+    "air_indoor": "indoor air temperature",
+    "wind": "wind",
+    "rain": "rain",
+    "heating": "heating",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Prescription:
+    """What to measure so that the next diagnosis names the right one of some effects.
+
+    Args:
+        separate: the effects that the record cannot distinguish; empty where the record is uninformative.
+        labels: of these effects.
+        now: probability that a repeat of this record would name the right one alone.
+        actions: those that help, the best first.
+        tried: the kinds of action that were tried.
+        curve: positions (m) and probabilities of one more sensor; empty where none was tried.
+    """
+
+    separate: tuple[EffectParameters, ...]
+    labels: tuple[str, ...]
+    now: float
+    actions: tuple[Action, ...]
+    tried: tuple[ActionKind, ...]
+    curve: tuple[tuple[float, float], ...] = field(default=(), repr=False)
+
+
+def best_actions(actions: Sequence[Action], now: float) -> tuple[Action, ...]:
+    """The actions that help, by probability and effort, the best first; at most five."""
+    helpful = [action for action in actions if action.probability >= max(HELPFUL, now)]
+    return tuple(sorted(helpful, key=score, reverse=True)[:_MOST_SHOWN])
+
+
+def score(action: Action) -> float:
+    """The probability of an action less the price of its effort."""
+    return action.probability - _PROBABILITY_PER_EFFORT * action.effort

@@ -1,0 +1,149 @@
+"""The readings that fits predict for one more sensor at any place in the wall.
+
+The model of a diagnosis has a position parameter for each sensor. A sensor that is moved by it, without the errors of
+its own, is the sensor at the other place, so no other model is compiled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..._internal.arrays import on_device
+from ...case.wall_and_sensors import Sensor
+from ...experiment_design.fisher_information import typical_sensor
+from ...inference.noise_covariance import BinnedReadings
+from ...inference.noise_of_record import noise_shape_of_record
+from ...inference.nuisance_parameters import SensorOffsets, SensorPositions
+from ...inference.parameters import Parameters, kind_of, target_of
+from ..effect_fit import EffectFit
+from ..model_with_effects import face_impulse_response, linearise
+from ..problem import DiagnosisProblem
+from .separation import Explanation
+
+_OWN_ERRORS = (SensorOffsets.kind, SensorPositions.kind)
+
+
+@dataclass(frozen=True, eq=False)
+class AddedSensor:
+    """One more sensor, and what each fit predicts for it.
+
+    Args:
+        sensor: its position and standard deviations.
+        like: index of the sensor in whose rows it has readings.
+        whitening: W of all readings with those of this sensor last, `(reading, reading)`.
+        explanations: the readings of all sensors with this one by each fit.
+    """
+
+    sensor: Sensor
+    like: int
+    whitening: np.ndarray = field(repr=False)
+    explanations: tuple[Explanation, ...] = field(repr=False)
+
+
+def another_sensor(problem: DiagnosisProblem, position: float) -> Sensor:
+    """A sensor at a place with the noise, the offset and the position error of those of the case."""
+    typical = typical_sensor(problem.case.sensors, noise_std=None, position_std=None, offset_std=None)
+    taken = {sensor.name for sensor in problem.case.sensors}
+    name = next(name for count in range(1, len(taken) + 2) if (name := f"new {count}") not in taken)
+    return replace(typical, name=name, position=position)
+
+
+def added_sensors(
+    fits: Sequence[EffectFit], explanations: Sequence[Explanation], positions: Sequence[float]
+) -> Iterator[AddedSensor]:
+    """One more sensor at each of some places.
+
+    Args:
+        fits: of one problem, with one noise.
+        explanations: the readings of the present sensors by each fit.
+        positions: m from the left face.
+    """
+    problem = fits[0].problem
+    size = problem.sensor_count
+    for first in range(0, len(positions), size):
+        some = positions[first : first + size]
+        parameters = [_moved(fit.parameters, problem.case.sensors, some) for fit in fits]
+        response = face_impulse_response(problem.model, parameters[0])
+        present = face_impulse_response(problem.model, fits[0].parameters)
+        predictions = [_Prediction.of(fit, at) for fit, at in zip(fits, parameters, strict=True)]
+        for slot, position in enumerate(some):
+            sensor = another_sensor(problem, position)
+            both = np.concatenate([present, response[:, :, slot : slot + 1]], axis=2)
+            extended = tuple(
+                prediction.extend(one, sensor, slot) for prediction, one in zip(predictions, explanations, strict=True)
+            )
+            yield AddedSensor(sensor, slot, _whitening(fits[0], sensor, slot, both), extended)
+
+
+def _moved(parameters: Parameters, sensors: Sequence[Sensor], positions: Sequence[float]) -> Parameters:
+    """The parameters with the first sensors at other places, and all without errors of their own."""
+    names = {sensor.name for sensor in sensors}
+    own = [name for name in parameters.names if _is_of_a_sensor(name) and target_of(name) in names]
+    moves = {
+        f"{SensorPositions.kind}[{sensor.name}]": position - sensor.position
+        for sensor, position in zip(sensors, positions, strict=False)
+    }
+    return parameters.with_values(dict.fromkeys(own, 0.0) | moves)
+
+
+def _is_of_a_sensor(name: str) -> bool:
+    """Whether a parameter is an error of one sensor: an offset, a position, a lag, a gain, a drift."""
+    return kind_of(name) in _OWN_ERRORS or kind_of(name).startswith("effect.sensor_")
+
+
+@dataclass(frozen=True, eq=False)
+class _Prediction:
+    """The moved sensors' readings by one fit: bin means `(reading,)`, and derivatives by name, `(reading,)` each."""
+
+    fit: EffectFit
+    predicted: np.ndarray
+    columns: dict[str, np.ndarray]
+
+    @classmethod
+    def of(cls, fit: EffectFit, parameters: Parameters) -> _Prediction:
+        problem = fit.problem
+        shared = [name for name in fit.parameters.estimated_names if not _is_of_a_sensor(name)]
+        names = [*shared, *parameters.of_kind(SensorPositions.kind)]
+        linear = problem.is_linear(fit.active)
+        predicted, slopes = linearise(problem.model, problem.bins, parameters, names, linear=linear)
+        return cls(fit, problem.binned(predicted), dict(zip(names, slopes, strict=True)))
+
+    def extend(self, explanation: Explanation, sensor: Sensor, slot: int) -> Explanation:
+        """The explanation of all readings with those of the new sensor, evaluated in the place of the sensor `slot`."""
+        problem = self.fit.problem
+        bins = len(self.predicted) // problem.sensor_count
+        rows = slice(slot * bins, (slot + 1) * bins)
+        zeros = np.zeros(bins)
+        shared = [
+            zeros if _is_of_a_sensor(name) else self.columns[name][rows] for name in self.fit.parameters.estimated_names
+        ]
+        gradient = self.columns[f"{SensorPositions.kind}[{problem.case.sensors[slot].name}]"][rows]
+        errors = ((sensor.offset_std, np.ones(bins)), (sensor.position_std, gradient))
+        own = [(std, column) for std, column in errors if std > 0]
+        new = np.stack([*shared, *(column for _, column in own)], axis=1)
+        present = np.pad(explanation.jacobian, ((0, 0), (0, len(own))))
+        return Explanation(
+            np.concatenate([explanation.predicted, self.predicted[rows]]),
+            np.concatenate([present, new]),
+            np.concatenate([explanation.values, np.zeros(len(own))]),
+            np.concatenate([explanation.prior_std, [std for std, _ in own]]),
+            explanation.penalty,
+        )
+
+
+def _whitening(fit: EffectFit, sensor: Sensor, like: int, response: np.ndarray) -> np.ndarray:
+    """W of all readings with those of one more sensor, which has them in the rows of the sensor `like`."""
+    problem, noise = fit.problem, fit.noise
+    observed, present = (np.asarray(rows) for rows in (problem.bins.observed, problem.bins.present))
+    bins = BinnedReadings(
+        on_device(np.column_stack([observed, observed[:, like]])),
+        on_device(np.column_stack([present, present[:, like]])),
+        problem.bins.rows_per_bin,
+    )
+    stds = np.array([one.noise_std for one in (*problem.case.sensors, sensor)])
+    errors = problem.case.record.face_errors
+    shape = noise_shape_of_record(problem.record, response, bins, problem.spacing, stds, errors)
+    return shape.covariance_of(noise.white, noise.autocorrelated, noise.correlation).whitening

@@ -1,0 +1,140 @@
+"""The sets of effects that a record cannot distinguish, as explanations of its readings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ..._internal.units import DAY
+from ...inference.likelihood import LOG_DIFFUSIVITY
+from ..acceptance import FIRST_EFFECT_LEVEL, RIVAL, bic_penalty, penalised_cost
+from ..effect_fit import EffectFit
+from ..effect_results import NamedEffect
+from ..effects.material import DiffusivityDrift
+from ..effects.sensors import SensorDrift
+from ..findings import Findings
+from ..problem import DiagnosisProblem, EffectParameters
+from .separation import Explanation, Growth, Separation, separation
+
+_FAR_BEHIND = 30.0  # of the penalised cost; a rival that far behind the best is no alternative of another record either
+
+
+@dataclass(frozen=True, eq=False)
+class ConfusableSet:
+    """Effects that a record cannot distinguish, each with a fit of the record, and the other rivals.
+
+    Args:
+        effects: the named effect and its alternatives.
+        fits: with each of these effects, then with each further rival, then without any of them.
+        chance_gain: the gain over the last fit that chance alone gives.
+    """
+
+    effects: tuple[EffectParameters, ...]
+    fits: tuple[EffectFit, ...] = field(repr=False)
+    chance_gain: float
+
+    @property
+    def problem(self) -> DiagnosisProblem:
+        """The case prepared for the search."""
+        return self.fits[0].problem
+
+    @property
+    def weights(self) -> np.ndarray:
+        """The probability that each of the effects is the true one, by the evidence of the record, `(effect,)`."""
+        costs = np.array([penalised_cost(fit) for fit in self.fits[: len(self.effects)]])
+        weights = np.exp(-0.5 * (costs - costs.min()))
+        return np.asarray(weights / weights.sum())
+
+    @property
+    def relative_stds(self) -> np.ndarray:
+        """Standard deviation of each effect's size over the size, `(effect,)`."""
+        sizes = [effect.names[0] for effect in self.effects]
+        pairs = zip(self.fits, sizes, strict=False)
+        return np.array([fit.std(size) / max(abs(float(fit.parameters[size])), 1e-300) for fit, size in pairs])
+
+    @cached_property
+    def explanations(self) -> tuple[Explanation, ...]:
+        """The readings of the present sensors by each fit."""
+        return tuple(explanation_of(fit) for fit in self.fits)
+
+    def separations(
+        self, explanations: Sequence[Explanation], whitening: np.ndarray, length: float = 1.0
+    ) -> tuple[Separation, ...]:
+        """How the others fall behind each of the effects where it is the true one, in the order of the effects.
+
+        Args:
+            explanations: one for each fit.
+            whitening: of their readings.
+            length: of the record, in lengths of the present one.
+        """
+        others = [[one for one in explanations if one is not true] for true in explanations[: len(self.effects)]]
+        return tuple(
+            separation(true, rivals, whitening, length) for true, rivals in zip(explanations, others, strict=False)
+        )
+
+    def probability(self, separations: Sequence[Separation]) -> float:
+        """The probability that the true effect is named and has no alternative, over which of them is true."""
+        criteria = np.append(np.full(len(self.fits) - 2, RIVAL), self.chance_gain)
+        each = [one.probability(criteria, std) for one, std in zip(separations, self.relative_stds, strict=True)]
+        return float(self.weights @ each)
+
+
+def confusable_sets(findings: Findings) -> Iterator[ConfusableSet]:
+    """The sets of a diagnosis, one for each named effect with alternatives."""
+    for named in findings.effects:
+        if not named.alternatives:
+            continue
+        own, best = named.effect_parameters, _best_by_effect(named)
+        alternatives = tuple(dict.fromkeys(effect for effect in named.alternatives if effect in best))
+        limit = penalised_cost(findings.after) + _FAR_BEHIND
+        further = [fit for effect, fit in best.items() if effect not in alternatives and penalised_cost(fit) < limit]
+        chance = findings.scores.threshold(FIRST_EFFECT_LEVEL)
+        fits = (findings.after, *(best[effect] for effect in alternatives), *further, named.without)
+        yield ConfusableSet((own, *alternatives), fits, chance)
+
+
+def _best_by_effect(named: NamedEffect) -> dict[EffectParameters, EffectFit]:
+    """The best fit with each other effect in the place of a named one."""
+    best: dict[EffectParameters, EffectFit] = {}
+    for fit in sorted(named.exchanged, key=penalised_cost):
+        best.setdefault(next(effect for effect in fit.active if effect not in named.without.active), fit)
+    return best
+
+
+def explanation_of(fit: EffectFit) -> Explanation:
+    """The binned readings by a fit, linear about it."""
+    parameters = fit.parameters
+    mask = np.asarray(parameters.estimated)
+    jacobian, _ = fit.unwhitened()
+    return Explanation(
+        fit.problem.binned(fit.predicted),
+        jacobian,
+        np.asarray(parameters.values)[mask],
+        np.asarray(parameters.prior_std)[mask],
+        bic_penalty(fit, fit.active),
+        _growth(fit, jacobian),
+    )
+
+
+def _growth(fit: EffectFit, jacobian: np.ndarray) -> Growth | None:
+    """What the drifts of a fit add from one length of the record to the next, to first order."""
+    problem, growth = fit.problem, None
+    days = (problem.record.duration + problem.record.step) / DAY
+    for one in fit.active:
+        rate, per_unit = one.names[0], None
+        if isinstance(one.effect, SensorDrift):
+            per_unit = np.repeat(
+                np.arange(problem.sensor_count) == one.effect.sensor, len(jacobian) // problem.sensor_count
+            )
+        elif isinstance(one.effect, DiffusivityDrift):
+            per_unit = jacobian[:, fit.index(LOG_DIFFUSIVITY)]
+        if per_unit is None:
+            continue
+        column = np.zeros_like(jacobian)
+        column[:, fit.index(rate)] = days * per_unit
+        own = Growth(days * per_unit * float(fit.parameters[rate]), column)
+        growth = own if growth is None else Growth(*(a + b for a, b in zip(growth, own, strict=True)))
+    return growth

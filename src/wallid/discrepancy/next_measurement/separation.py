@@ -1,0 +1,151 @@
+"""The probability that a future record names the right one of several explanations.
+
+An explanation i predicts readings mu_i, with a Jacobian J_i and priors on its parameters. If i is true, the best fit of
+an explanation j to the readings without noise leaves the whitened residual `r_ij`, with the prior residuals below it.
+The penalised cost of j exceeds that of i, with noise, by
+
+    Delta_ij = |r_ij|^2 - |r_ii|^2 + c_j - c_i + 2 (r_ij - r_ii)' eps,      eps ~ N(0, I)
+
+because what the noise adds to both fits is nearly the same. The true one is named, and no other is an alternative,
+where `Delta_ij` exceeds the criterion of every rival j. For one rival with `d^2 = |r_ij|^2` and criterion c that is
+
+    P = Phi((d^2 - c) / (2 d))
+
+A record of n times the length has the readings n times with the same parameters, and what grows with time, such as a
+drift, goes on growing. The true size differs from the fitted one by its uncertainty; a size of s times the fitted one
+has s times the residual.
+
+Source: A. C. Atkinson, V. V. Fedorov, Biometrika 62 (1975), 57 (designs that discriminate between two models).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+_DRAWS = 4000
+
+
+class Growth(NamedTuple):
+    """What an effect that grows with time adds from one length of the record to the next.
+
+    Args:
+        predicted: to the readings, K, `(reading,)`.
+        jacobian: to their derivatives, K per unit, `(reading, param)`.
+    """
+
+    predicted: np.ndarray
+    jacobian: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """The readings that one explanation predicts, linear in its parameters.
+
+    Args:
+        predicted: readings, K, `(reading,)`.
+        jacobian: derivative by each parameter, K per unit, `(reading, param)`.
+        values: of the parameters minus their prior means, `(param,)`.
+        prior_std: of the parameters, infinite where there is no prior, `(param,)`.
+        penalty: on `-2 log L`, for the positions, hours and temperatures that were searched.
+        growth: of an effect that grows with time; None for none.
+    """
+
+    predicted: np.ndarray = field(repr=False)
+    jacobian: np.ndarray = field(repr=False)
+    values: np.ndarray
+    prior_std: np.ndarray
+    penalty: float = 0.0
+    growth: Growth | None = field(default=None, repr=False)
+
+    def residual(
+        self, true: Explanation, whitening: Float[np.ndarray, "reading reading"], length: float
+    ) -> Float[np.ndarray, " row"]:
+        """The whitened residual of the best fit to the readings of a true explanation, with the prior residuals below.
+
+        Args:
+            true: whose readings are fitted, without noise.
+            whitening: W, with `W' W` the inverse covariance of the readings.
+            length: of the record, in lengths of that of the readings.
+        """
+        precision = 1.0 / self.prior_std
+        misfits, slopes = [], []
+        for k in range(math.ceil(length)):
+            root = math.sqrt(min(length - k, 1.0))
+            misfits.append(root * (whitening @ (true.predicted_in(k) - self.predicted_in(k))))
+            slopes.append(root * (whitening @ self.jacobian_in(k)))
+        misfit = np.concatenate([*misfits, -precision * self.values])
+        slope = np.concatenate([*slopes, np.diag(precision)])
+        slope = slope / np.maximum(np.linalg.norm(slope, axis=0), 1e-300)
+        return misfit - slope @ np.linalg.lstsq(slope, misfit, rcond=1e-10)[0]
+
+    def predicted_in(self, k: int) -> Float[np.ndarray, " reading"]:
+        """The readings in the length k of a longer record."""
+        return self.predicted if self.growth is None else self.predicted + k * self.growth.predicted
+
+    def jacobian_in(self, k: int) -> Float[np.ndarray, "reading param"]:
+        """Their derivatives."""
+        return self.jacobian if self.growth is None else self.jacobian + k * self.growth.jacobian
+
+
+@dataclass(frozen=True, eq=False)
+class Separation:
+    """How the rivals of a true explanation fall behind it.
+
+    Args:
+        excess: expected excess of each rival's penalised cost at the fitted size, without the penalties, `(rival,)`.
+        inner: inner products of the residuals' differences, which give the covariance of the excess, `(rival, rival)`.
+        penalties: of each rival minus that of the true one, `(rival,)`.
+    """
+
+    excess: np.ndarray
+    inner: np.ndarray
+    penalties: np.ndarray
+
+    def with_excess(self, excess: Float[np.ndarray, " rival"]) -> Separation:
+        """The same directions of the residuals with other squared distances."""
+        factor = np.sqrt(np.maximum(excess, 0.0) / np.maximum(self.excess, 1e-300))
+        return Separation(excess, self.inner * np.outer(factor, factor), self.penalties)
+
+    def probability(self, criteria: Float[np.ndarray, " rival"], relative_std: float) -> float:
+        """The probability that the excess of every rival is over its criterion.
+
+        Args:
+            criteria: the excess of the penalised cost that each rival must have.
+            relative_std: standard deviation of the true size over the fitted size.
+        """
+        if not len(self.excess):
+            return 1.0
+        random = np.random.default_rng(0)
+        value, vector = np.linalg.eigh(self.inner)
+        root = vector * np.sqrt(np.maximum(value, 0.0))
+        noise = random.standard_normal((_DRAWS // 2, len(value))) @ root.T
+        sizes = 1.0 + relative_std * random.standard_normal((_DRAWS // 2, 1))
+        sizes, noise = np.concatenate([sizes, sizes]), np.concatenate([noise, -noise])
+        excess = sizes**2 * self.excess + 2.0 * sizes * noise + self.penalties
+        return float(np.mean(np.all(excess > criteria, axis=1)))
+
+
+def separation(
+    true: Explanation, rivals: Sequence[Explanation], whitening: Float[np.ndarray, "reading reading"], length: float
+) -> Separation:
+    """How rivals fall behind a true explanation in a record with this noise.
+
+    Args:
+        true: the true explanation.
+        rivals: the others.
+        whitening: as in `Explanation.residual`.
+        length: of the record, in lengths of that of the predictions.
+    """
+    own = true.residual(true, whitening, length)
+    rests = [rival.residual(true, whitening, length) for rival in rivals]
+    excess = np.array([rest @ rest - own @ own for rest in rests])
+    readings = len(whitening) * math.ceil(length)
+    differences = np.array([rest[:readings] - own[:readings] for rest in rests]).reshape(len(rests), readings)
+    penalties = np.array([rival.penalty - true.penalty for rival in rivals])
+    return Separation(excess, differences @ differences.T, penalties)
