@@ -170,6 +170,16 @@ def refit(
     return EffectFit(problem, active, fitted, cost, converged, noise, at.jacobian, at.residual, at.predicted)
 
 
+def linearised_at(
+    problem: DiagnosisProblem, active: tuple[EffectParameters, ...], parameters: Parameters, noise: NoiseCovariance
+) -> EffectFit:
+    """The model with these effects at given parameters, without a fit."""
+    given = parameters.estimating(problem.estimated_names(active))
+    at = _LeastSquares(problem, active, given, noise.whitening).at(given.flatten())
+    cost = float(at.residual @ at.residual)
+    return EffectFit(problem, active, given, cost, False, noise, at.jacobian, at.residual, at.predicted)
+
+
 class _Linearisation(NamedTuple):
     """Residual, Jacobian and prediction at some parameters; see `EffectFit`."""
 

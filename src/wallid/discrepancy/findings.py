@@ -13,6 +13,7 @@ from .acceptance import FIRST_EFFECT_LEVEL, RESIDUAL_TEST_LEVEL, reason_for_refu
 from .cross_validation import Gap
 from .effect_fit import EffectFit
 from .effect_results import NamedEffect, RankedEffect, Trial
+from .next_measurement.actions import Prescription
 from .problem import DiagnosisProblem, EffectParameters
 from .residual_tests import ResidualTests
 from .score_test import CandidateScores
@@ -43,6 +44,7 @@ class Findings:
         rivals: fits with one effect exchanged.
         mixups: mistakes in the case, with whose correction all of the above was computed.
         uncorrected: the estimate with the plain model before the correction; None where there was none.
+        prescriptions: what to measure next, for each question that the record leaves open.
     """
 
     problem: DiagnosisProblem = field(repr=False)
@@ -59,6 +61,7 @@ class Findings:
     rivals: tuple[EffectFit, ...] = field(repr=False)
     mixups: tuple[Mixup, ...] = ()
     uncorrected: EffectFit | None = field(default=None, repr=False)
+    prescriptions: tuple[Prescription, ...] = field(default=(), repr=False)
 
     @property
     def final(self) -> EffectFit:

@@ -56,7 +56,7 @@ def forcing_of_window(case: Case, window: Window) -> ForcingData:
         outdoor=on_device(regressor("air_outdoor")),
         indoor=on_device(regressor("air_indoor")),
         heating=on_device(regressor("heating") / (largest or 1.0)),
-        hour=on_device(_hours(record)[:-1]),
+        hour=on_device(hours_of_day(record)[:-1]),
         initial=on_device(np.polynomial.polynomial.polyval(relative_positions[1:-1], coefficients)),
         profile_modes=on_device(np.asarray(every_node.C)[len(case.sensors) :, ::-1][:, : profile_mode_count(case)]),
         common_noise=on_device(np.stack([common_noise_of_face(record, side) for side in SIDES], axis=1)),
@@ -70,7 +70,7 @@ def forcing_of_window(case: Case, window: Window) -> ForcingData:
     )
 
 
-def _hours(record: Record) -> np.ndarray:
+def hours_of_day(record: Record) -> np.ndarray:
     """Hour of the day of each row by the clock of the record; hours since the first row where it has only seconds."""
     stamps = record.stamps
     if np.issubdtype(stamps.dtype, np.datetime64):

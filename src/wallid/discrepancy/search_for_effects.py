@@ -16,6 +16,7 @@ from .cross_validation import cross_validate
 from .diagnosis_result import Diagnosis
 from .effect_fit import EffectFit
 from .mixup_search import MixupFit, best_mixup, copied_sensor, wrong_length_unit
+from .next_measurement.search import what_to_measure
 from .problem import diagnosis_problem
 from .score_test import CandidateScores
 from .screening import screen, screening_of
@@ -28,7 +29,8 @@ def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
     The plain model is fitted, every effect of the library is ranked by a score test, the best candidates are added
     and fitted (stepwise selection), and both models are compared on days held out. Where something is missing, mix-ups
     of columns, places, units and clocks are tried too; one that explains the record as well as the effects do is named
-    before them, and the search is repeated with the readings corrected.
+    before them, and the search is repeated with the readings corrected. At last the measurement is sought that would
+    answer what the record leaves open.
 
     Args:
         case: the case; its window is the entire record, or `[choices] diagnose_days`.
@@ -52,8 +54,10 @@ def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
         found = _search(plain, report) if mixup is None else _search_corrected(plain, mixup, report)
         if mixup is None and found.verdict != "adequate" and (equal := _equal_mixup(found, report)) is not None:
             found = _search_corrected(plain, equal, report)
+        text = "diagnose: what to measure next"
+        prescriptions = what_to_measure(found, lambda share: report(text, 0.96 + 0.04 * share))
     others = (one for one in visible_mixups(case) if one.kind in ("flux_sign", "clock"))
-    return replace(found, mixups=(*found.mixups, *others))
+    return replace(found, mixups=(*found.mixups, *others), prescriptions=prescriptions)
 
 
 class _PlainModel(NamedTuple):

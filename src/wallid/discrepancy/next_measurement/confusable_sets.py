@@ -16,7 +16,8 @@ from ..effect_results import NamedEffect
 from ..effects.material import DiffusivityDrift
 from ..effects.sensors import SensorDrift
 from ..findings import Findings
-from ..problem import DiagnosisProblem, EffectParameters
+from ..problem import EffectParameters
+from .candidate_records import CandidateRecord, PresentRecord
 from .separation import Explanation, Growth, Separation, separation
 
 _FAR_BEHIND = 30.0  # of the penalised cost; a rival that far behind the best is no alternative of another record either
@@ -28,56 +29,39 @@ class ConfusableSet:
 
     Args:
         effects: the named effect and its alternatives.
-        fits: with each of these effects, then with each further rival, then without any of them.
+        present: the record with the fits of each of these effects, of each further rival, and without any of them.
         chance_gain: the gain over the last fit that chance alone gives.
     """
 
     effects: tuple[EffectParameters, ...]
-    fits: tuple[EffectFit, ...] = field(repr=False)
+    present: PresentRecord = field(repr=False)
     chance_gain: float
 
-    @property
-    def problem(self) -> DiagnosisProblem:
-        """The case prepared for the search."""
-        return self.fits[0].problem
-
-    @property
+    @cached_property
     def weights(self) -> np.ndarray:
         """The probability that each of the effects is the true one, by the evidence of the record, `(effect,)`."""
-        costs = np.array([penalised_cost(fit) for fit in self.fits[: len(self.effects)]])
+        costs = np.array([penalised_cost(fit) for fit in self.present.fits[: len(self.effects)]])
         weights = np.exp(-0.5 * (costs - costs.min()))
         return np.asarray(weights / weights.sum())
 
-    @property
+    @cached_property
     def relative_stds(self) -> np.ndarray:
         """Standard deviation of each effect's size over the size, `(effect,)`."""
         sizes = [effect.names[0] for effect in self.effects]
-        pairs = zip(self.fits, sizes, strict=False)
+        pairs = zip(self.present.fits, sizes, strict=False)
         return np.array([fit.std(size) / max(abs(float(fit.parameters[size])), 1e-300) for fit, size in pairs])
 
-    @cached_property
-    def explanations(self) -> tuple[Explanation, ...]:
-        """The readings of the present sensors by each fit."""
-        return tuple(explanation_of(fit) for fit in self.fits)
-
-    def separations(
-        self, explanations: Sequence[Explanation], whitening: np.ndarray, length: float = 1.0
-    ) -> tuple[Separation, ...]:
-        """How the others fall behind each of the effects where it is the true one, in the order of the effects.
-
-        Args:
-            explanations: one for each fit.
-            whitening: of their readings.
-            length: of the record, in lengths of the present one.
-        """
-        others = [[one for one in explanations if one is not true] for true in explanations[: len(self.effects)]]
+    def separations(self, candidate: CandidateRecord) -> tuple[Separation, ...]:
+        """How the others fall behind each of the effects where it is the true one, by the derivatives."""
+        explanations = candidate.explanations
         return tuple(
-            separation(true, rivals, whitening, length) for true, rivals in zip(explanations, others, strict=False)
+            separation(true, [one for one in explanations if one is not true], candidate.whitening, candidate.length)
+            for true in explanations[: len(self.effects)]
         )
 
     def probability(self, separations: Sequence[Separation]) -> float:
         """The probability that the true effect is named and has no alternative, over which of them is true."""
-        criteria = np.append(np.full(len(self.fits) - 2, RIVAL), self.chance_gain)
+        criteria = np.append(np.full(len(self.present.fits) - 2, RIVAL), self.chance_gain)
         each = [one.probability(criteria, std) for one, std in zip(separations, self.relative_stds, strict=True)]
         return float(self.weights @ each)
 
@@ -91,9 +75,9 @@ def confusable_sets(findings: Findings) -> Iterator[ConfusableSet]:
         alternatives = tuple(dict.fromkeys(effect for effect in named.alternatives if effect in best))
         limit = penalised_cost(findings.after) + _FAR_BEHIND
         further = [fit for effect, fit in best.items() if effect not in alternatives and penalised_cost(fit) < limit]
-        chance = findings.scores.threshold(FIRST_EFFECT_LEVEL)
         fits = (findings.after, *(best[effect] for effect in alternatives), *further, named.without)
-        yield ConfusableSet((own, *alternatives), fits, chance)
+        present = PresentRecord(fits, tuple(explanation_of(fit) for fit in fits))
+        yield ConfusableSet((own, *alternatives), present, findings.scores.threshold(FIRST_EFFECT_LEVEL))
 
 
 def _best_by_effect(named: NamedEffect) -> dict[EffectParameters, EffectFit]:

@@ -5,33 +5,36 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from ..findings import Findings
-from .actions import EFFORTS, Action, Prescription, best_actions, score
-from .candidate_records import (
-    CandidateRecord,
-    HeatedRecord,
-    LongerRecord,
-    ShadedRecord,
-    records_with_sensor,
-)
+from .actions import EFFORTS, Action, ActionKind, Prescription, best_actions, score
+from .candidate_records import CandidateRecord, LongerRecord, PresentRecord, other_records, records_with_sensor
 from .confusable_sets import ConfusableSet, confusable_sets
+from .informative_records import open_diffusivities
+from .refits import lengthened_separations, refitted_separations
+from .unlogged_columns import unlogged_columns
 
-_LENGTHS = (1.5, 2.0, 3.0, 4.0, 6.0)  # of the record, in lengths of the present one
-_LONG_ENOUGH = 0.9  # the probability from which no longer record is tried
-_LONGEST = 366.0  # days
-_REFITTED = 3  # candidates whose probability is computed by refits
+_PROBABLE_ENOUGH = 0.9  # from which no longer record is tried
+_REFITTED = 3  # actions whose probability is computed by refits
 
 
-def prescribe(
-    findings: Findings, progress: Callable[[float], None], efforts: Mapping[str, float] = EFFORTS
+def what_to_measure(
+    findings: Findings, progress: Callable[[float], None], efforts: Mapping[str, float] | None = None
 ) -> tuple[Prescription, ...]:
-    """What to measure next, for each set of effects that a record cannot distinguish.
+    """What to measure next, for each question that a diagnosis leaves open.
+
+    Effects that the record cannot distinguish, a record that does not determine the diffusivity, and effects that
+    could not be tested because a column was not logged, where something unknown is missing.
 
     Args:
         findings: of the diagnosis.
         progress: called with the completed share, 0 to 1.
-        efforts: of each kind of action, relative to that of logging one more column.
+        efforts: of kinds of action, relative to that of logging one more column; None for the defaults.
     """
-    sets = list(confusable_sets(findings))
+    efforts = {**EFFORTS, **(efforts or {})}
+    if findings.verdict == "uninformative":
+        return (_for_uninformative(findings, efforts),)
+    if findings.verdict == "unnamed":
+        return tuple(_for_unlogged(findings, efforts))
+    sets = list(confusable_sets(findings)) if findings.verdict == "confusable" else []
     return tuple(
         _for_confusable(one, efforts, lambda share, k=k: progress((k + share) / len(sets)))
         for k, one in enumerate(sets)
@@ -42,55 +45,77 @@ def _for_confusable(
     confusable: ConfusableSet, efforts: Mapping[str, float], progress: Callable[[float], None]
 ) -> Prescription:
     """The actions for one set: all by the derivatives, then the best by refits."""
-    now = LongerRecord(confusable, 1.0)
-    with_sensor = list(records_with_sensor(confusable))
+    present = confusable.present
+    repeat = LongerRecord(present, 1.0)
+    exact_repeat = refitted_separations(confusable, repeat)
     progress(0.3)
-    candidates = _best_of_each_kind([*with_sensor, *_other_candidates(confusable)], confusable, efforts)
+    tried = _tried(present, lambda record: confusable.probability(confusable.separations(record)), efforts)
+    ranked = _best_of_each_kind(tried)
     actions = []
-    for count, (candidate, action) in enumerate(candidates):
+    for count, (record, action) in enumerate(ranked):
         if count < _REFITTED:
             progress(0.4 + 0.6 * count / _REFITTED)
-            action = action.with_probability(confusable.probability(candidate.refitted_separations))
+            exact = (
+                lengthened_separations(confusable, record, exact_repeat)
+                if isinstance(record, LongerRecord)
+                else refitted_separations(confusable, record)
+            )
+            action = action.with_probability(confusable.probability(exact))
         actions.append(action)
-    probability_now = confusable.probability(now.refitted_separations)
+    now = confusable.probability(exact_repeat)
+    labels = tuple(present.problem.label(one.effect) for one in confusable.effects)
     return Prescription(
-        separate=confusable.effects,
-        labels=tuple(confusable.problem.label(one.effect) for one in confusable.effects),
-        now=probability_now,
-        actions=best_actions(actions, probability_now),
-        tried=tuple(dict.fromkeys(candidate.kind for candidate, _ in candidates)),
-        curve=tuple((one.added.sensor.position, confusable.probability(one.separations)) for one in with_sensor),
+        confusable.effects, labels, now, best_actions(actions, now), _kinds(tried), _sensor_curve(tried)
     )
 
 
-def _other_candidates(confusable: ConfusableSet) -> Iterator[CandidateRecord]:
-    """The candidates beside those with a sensor."""
-    yield HeatedRecord(confusable)
-    if "irradiance" in confusable.problem.record.regressors:
-        yield ShadedRecord(confusable)
-    for length in _LENGTHS:
-        longer = LongerRecord(confusable, length)
-        if longer.days > _LONGEST:
-            break
-        yield longer
-        if confusable.probability(longer.separations) >= _LONG_ENOUGH:
-            break
+def _for_uninformative(findings: Findings, efforts: Mapping[str, float]) -> Prescription:
+    """The actions after which the diffusivity would be determined."""
+    unknown = open_diffusivities(findings)
+    now = unknown.probability(LongerRecord(unknown.present, 1.0))
+    tried = _tried(unknown.present, unknown.probability, efforts)
+    actions = [action for _, action in _best_of_each_kind(tried)]
+    return Prescription((), (), now, best_actions(actions, now), _kinds(tried), _sensor_curve(tried))
 
 
-def _best_of_each_kind(
-    candidates: Sequence[CandidateRecord], confusable: ConfusableSet, efforts: Mapping[str, float]
-) -> list[tuple[CandidateRecord, Action]]:
-    """The best candidate of each kind with its action, the best kind first."""
+def _for_unlogged(findings: Findings, efforts: Mapping[str, float]) -> Iterator[Prescription]:
+    """For each column that was not logged: whether an effect that needs it would be named with it."""
+    days = PresentRecord((findings.before,), ()).days
+    for one in unlogged_columns(findings):
+        action = Action("column", {"column": one.column}, days, efforts["column"], one.probability)
+        labels = tuple(one.problem.label(effect.effect) for effect in one.effects)
+        yield Prescription(one.effects, labels, 0.0, best_actions([action], 0.0), ("column",))
+
+
+_Tried = list[tuple[CandidateRecord, Action]]
+
+
+def _tried(
+    present: PresentRecord, probability: Callable[[CandidateRecord], float], efforts: Mapping[str, float]
+) -> _Tried:
+    """Every candidate with its action; of longer records none past the first that is probable enough."""
+    tried: _Tried = []
+    for record in (*records_with_sensor(present), *other_records(present)):
+        if tried and isinstance(tried[-1][0], LongerRecord) and tried[-1][1].probability >= _PROBABLE_ENOUGH:
+            break
+        days, effort = record.length * present.days, record.length * efforts[record.kind]
+        tried.append((record, Action(record.kind, record.parameters(), days, effort, probability(record))))
+    return tried
+
+
+def _best_of_each_kind(tried: _Tried) -> _Tried:
+    """The best candidate of each kind, the best kind first."""
     best: dict[str, tuple[CandidateRecord, Action]] = {}
-    for candidate in candidates:
-        length = candidate.days / LongerRecord(confusable, 1.0).days
-        action = Action(
-            candidate.kind,
-            candidate.parameters(),
-            candidate.days,
-            efforts[candidate.kind] * length,
-            confusable.probability(candidate.separations),
-        )
-        if candidate.kind not in best or score(action) > score(best[candidate.kind][1]):
-            best[candidate.kind] = (candidate, action)
+    for record, action in tried:
+        if action.kind not in best or score(action) > score(best[action.kind][1]):
+            best[action.kind] = (record, action)
     return sorted(best.values(), key=lambda pair: -score(pair[1]))
+
+
+def _kinds(tried: _Tried) -> tuple[ActionKind, ...]:
+    return tuple(dict.fromkeys(action.kind for _, action in tried))
+
+
+def _sensor_curve(tried: Sequence[tuple[CandidateRecord, Action]]) -> tuple[tuple[float, float], ...]:
+    """Position and probability of each sensor that was tried."""
+    return tuple((one.parameters["position"], one.probability) for _, one in tried if one.kind == "sensor")

@@ -84,6 +84,14 @@ class Explanation:
         slope = slope / np.maximum(np.linalg.norm(slope, axis=0), 1e-300)
         return misfit - slope @ np.linalg.lstsq(slope, misfit, rcond=1e-10)[0]
 
+    def std(self, param: int, whitening: Float[np.ndarray, "reading reading"], length: float) -> float:
+        """The expected standard error of a parameter, by its index; `whitening` and `length` as in `residual`."""
+        slopes = [math.sqrt(min(length - k, 1.0)) * (whitening @ self.jacobian_in(k)) for k in range(math.ceil(length))]
+        slope = np.concatenate([*slopes, np.diag(1.0 / self.prior_std)])
+        size = np.maximum(np.linalg.norm(slope, axis=0), 1e-300)
+        inverse = np.linalg.pinv(slope / size, rcond=1e-10)
+        return float(np.linalg.norm(inverse[param]) / size[param])
+
     def predicted_in(self, k: int) -> Float[np.ndarray, " reading"]:
         """The readings in the length k of a longer record."""
         return self.predicted if self.growth is None else self.predicted + k * self.growth.predicted

@@ -1,0 +1,59 @@
+"""What would make a record informative about the diffusivity: the expected interval of the next record.
+
+With the readings linear in their parameters about a diffusivity, the standard error of ln(alpha) follows from the
+whitened Jacobian with the rows of the priors. A record is informative where the 95 % interval has a ratio of at most
+`largest_interval_factor`. The noise that the next record will show is not known exactly, so that is a probability. It
+is averaged over the diffusivities that the present record leaves open.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy
+
+from ...inference.likelihood import LOG_DIFFUSIVITY
+from ..effect_fit import linearised_at
+from ..findings import Findings
+from .candidate_records import CandidateRecord, PresentRecord
+from .confusable_sets import explanation_of
+
+_POINTS = 3  # diffusivities
+_FARTHEST = 4.0  # factor of the prior diffusivity, beyond which none is taken
+_NOISE_LOG_STD = 0.15  # of the size of the noise in the next record
+_QUANTILE = 1.96
+
+
+@dataclass(frozen=True, eq=False)
+class OpenDiffusivities:
+    """The plain model at the diffusivities that an uninformative record leaves open.
+
+    Args:
+        present: the record with the plain model at each of them.
+        largest_ratio: of the ends of a 95 % interval that counts as informative.
+    """
+
+    present: PresentRecord = field(repr=False)
+    largest_ratio: float
+
+    def probability(self, candidate: CandidateRecord) -> float:
+        """The probability that a record is informative."""
+        index = self.present.fits[0].index(LOG_DIFFUSIVITY)
+        stds = np.array([one.std(index, candidate.whitening, candidate.length) for one in candidate.explanations])
+        largest = np.log(self.largest_ratio) / (2.0 * _QUANTILE)
+        return float(np.mean(scipy.special.ndtr(np.log(largest / stds) / _NOISE_LOG_STD)))
+
+
+def open_diffusivities(findings: Findings) -> OpenDiffusivities:
+    """Three diffusivities from end to end of the 95 % interval, at most a factor of four from the prior."""
+    problem, plain, (low, high) = findings.problem, findings.before, findings.interval_95
+    prior, (lowest, highest) = problem.case.wall.diffusivity_prior, problem.diffusivity_bounds
+    low, high = np.clip([low, high], max(prior / _FARTHEST, lowest), min(prior * _FARTHEST, highest))
+    values = np.geomspace(low, high, _POINTS) / prior
+    fits = tuple(
+        linearised_at(problem, (), plain.parameters.with_values({LOG_DIFFUSIVITY: np.log(value)}), plain.noise)
+        for value in values
+    )
+    present = PresentRecord(fits, tuple(explanation_of(fit) for fit in fits))
+    return OpenDiffusivities(present, problem.case.choices.largest_interval_factor)
