@@ -25,7 +25,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import eigh_tridiagonal
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
-from scipy.special import expit
+from scipy.special import erfcx, expit
 
 HOUR, DAY = 3600.0, 86400.0
 FINE_STEP = 120.0  # s, of the faces' truth; records have rows at multiples of it
@@ -37,6 +37,7 @@ SOURCE_WIDTH = 1 / 20  # of the length: standard deviation of a local heat sourc
 SLOWEST = 1e-6  # K/s, at which the hysteresis turns smoothly from warming to cooling
 OSCILLATION = 3 * DAY  # s, period of the oscillating diffusivity
 LATITUDE = 45.0  # degrees north
+SUN_ON_FACE = 0.009  # K m2/W, warming of the outer face
 
 EFFECTS = {
     "sensor_position": "shift: true place minus stated, in place of the random position error",
@@ -105,6 +106,9 @@ class Spec:
     - `rounding`: K, 0 for none.
     - `position_std`, `offset_std`: m, K, as stated; true ones are drawn with them unless `misplaced` is False.
     - `effects`: what is hidden.
+    - `shaded`: s from the first row on which the outer face, and the irradiance on it, lie in the shade.
+    - `heated`: s from the first row on which the inner face is heated, for how many s, and by how many W/m2; the
+      wall's base conductivity is its diffusivity x 1.6e6 J/m3/K.
     """
 
     length: float = 0.3
@@ -126,6 +130,8 @@ class Spec:
     offset_std: float = 0.0
     misplaced: bool = True
     effects: tuple[Hidden, ...] = ()
+    shaded: float | None = None
+    heated: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", tuple(Hidden(*effect) for effect in self.effects))
@@ -222,10 +228,32 @@ def weather(spec: Spec, spin_up: float) -> dict:
     `hour` (of the day, by the record's clock).
     """
     wet = spec.of("wetting")
-    return _weather(
+    drive = _weather(
         spec.weather_seed, spec.days, spec.start, spec.outdoor_mean, spec.flutter, spec.outside, spin_up,
         wet[0]["time"] if wet else None,
     )  # fmt: skip
+    inside = "right" if spec.outside == "left" else "left"
+    if spec.shaded is not None:
+        lost = np.where(drive["time"] >= spec.shaded, drive["irradiance"], 0.0)
+        drive = drive | {
+            spec.outside: drive[spec.outside] - SUN_ON_FACE * lost,
+            "irradiance": drive["irradiance"] - lost,
+        }
+    if spec.heated is not None:
+        drive = drive | {inside: drive[inside] + _heating(spec, drive["time"])}
+    return drive
+
+
+def _heating(spec: Spec, t):
+    """What a heater makes of the inner face, K: a half space with a film of 8 W/m2/K before it."""
+    start, lasting, power = spec.heated
+    conductivity = 1.6e6 * spec.diffusivity
+
+    def since(start):
+        b = 8.0 / conductivity * np.sqrt(spec.diffusivity * np.clip(t - start, 0, None))
+        return power / 8.0 * (1 - erfcx(b))
+
+    return since(start) - since(start + lasting)
 
 
 @lru_cache(maxsize=4)
@@ -258,7 +286,7 @@ def _weather(seed, days, start, outdoor_mean, flutter_std, outside, spin_up, mai
     indoor = warm - 1.5 + 0.7 * stay(t) + 0.1 * (synoptic(t) + 0.1 * swing) + 3.0 * heating
 
     sun = _irradiance(t, day, hour, clearness, azimuth)
-    outer = gaussian_filter1d(outdoor, 1.5 * HOUR / FINE_STEP) + 0.009 * sun - 0.8 * clearness
+    outer = gaussian_filter1d(outdoor, 1.5 * HOUR / FINE_STEP) + SUN_ON_FACE * sun - 0.8 * clearness
     outer = outer + 0.4 * slow_outer(t) + flutter_std * own_outer(t)
     inner = gaussian_filter1d(indoor, 1.0 * HOUR / FINE_STEP)
     inner = inner - 0.06 * gaussian_filter1d(indoor - outdoor, 6 * HOUR / FINE_STEP)
@@ -719,8 +747,10 @@ def clean(spec: Spec, *, cells=CELLS, tolerance=1e-7) -> dict:
     }  # fmt: skip
 
 
-def simulate(spec: Spec) -> dict:
+def simulate(spec: Spec, noise: int | None = None) -> dict:
     """A record with its hidden effects, noise and rounding.
+
+    **Arguments:** `noise`: another seed of the noise than `noise_seed`, which then draws the places alone.
 
     **Returns:** `time` (datetime64, s), `T_left`, `T_right`, `T1`, .. (degC), `irradiance` (W/m2, outer face),
     `air_outdoor`, `air_indoor` (degC), `rain` (mm/h), `heating` (0..1), each (row,); and `truth` with
@@ -729,7 +759,7 @@ def simulate(spec: Spec) -> dict:
     noise-free columns under `readings`, and `effects`.
     """
     exact = clean(spec)
-    rng = _random(spec.noise_seed, 1)
+    rng = _random(spec.noise_seed if noise is None else noise, 1)
     columns = ("T_left", "T_right", *spec.names)
     stds = [spec.boundary_noise_std] * 2 + [spec.noise_std] * len(spec.names)
     record = {"time": np.datetime64(spec.start, "s") + (np.arange(spec.rows) * spec.step).astype("timedelta64[s]")}
@@ -744,14 +774,16 @@ def simulate(spec: Spec) -> dict:
     return record | {"truth": truth}
 
 
-def write_case(spec: Spec, folder: str | Path) -> dict:
+def write_case(spec: Spec, folder: str | Path, noise: int | None = None) -> dict:
     """case.toml and record.csv of a simulated record; they tell what a user would know, not the effect.
+
+    **Arguments:** `noise`: see `simulate`.
 
     The prior diffusivity is off by a random factor of 0.5 to 2.
 
     **Returns:** what `simulate` returns.
     """
-    record = simulate(spec)
+    record = simulate(spec, noise)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     factor = 2.0 ** _random(spec.noise_seed, 3).uniform(-1, 1)

@@ -15,7 +15,7 @@ from .findings import Findings
 
 
 def diagnosis_entries(findings: Findings) -> dict[str, Any]:
-    """Diffusivity, verdict, effects and gap; effects only where the verdict is `named` or `confusable`."""
+    """Diffusivity, verdict, effects (where the verdict is `named` or `confusable`), what to measure next, and gap."""
     problem = findings.problem
     verdict = findings.verdict
     effects = findings.effects if verdict in ("named", "confusable") else ()
@@ -46,6 +46,7 @@ def diagnosis_entries(findings: Findings) -> dict[str, Any]:
             }
             for named in effects
         ],
+        "next": [one.to_dict(lambda effect: problem.target_name(effect.effect)) for one in findings.prescriptions],
         "gap": {
             "before_K": gap.before,
             "after_K": gap.after,

@@ -1,4 +1,4 @@
-"""The text of a diagnosis: the sentence of the verdict, advice how to separate rival effects, the summary."""
+"""The text of a diagnosis: the sentence of the verdict, and the summary."""
 
 from __future__ import annotations
 
@@ -18,34 +18,6 @@ _COMMON_EFFECTS = (  # name, factor to the unit of the text, text
     ("sensor_position", 1e3, "a sensor misplaced by {:g} mm"),
     ("sensor_gain", 100.0, "a sensor's gain wrong by {:g} %"),
     ("layered_conductivity", 100.0, "layers whose conductivities differ by {:g} %"),
-)
-_SEPARATING_MEASUREMENTS = (
-    (
-        {"clock_shift", "sensor_lag", "face_lag"},
-        "To separate them, exchange two loggers, or synchronise all clocks.",
-    ),
-    (
-        {"sensor_offset", "face_offset", "sensor_gain", "sensor_drift", "heat_source"},
-        "To separate them, keep all sensors at one temperature for a night, or exchange two of them.",
-    ),
-    (
-        {"sensor_position", "face_depth", "surface_film", "contact_resistance", "layered_conductivity"},
-        "To separate them, measure the positions of the sensors again, or add a sensor near that face.",
-    ),
-    (
-        {"solar_gain", "lateral_loss", "air_flow"},
-        "To separate them, record days with different sun and wind, or shade the face for a week.",
-    ),
-    (
-        {
-            "diffusivity_drift",
-            "wetting",
-            "phase_change",
-            "temperature_dependent_conductivity",
-            "temperature_dependent_capacity",
-        },
-        "To separate them, record for longer, in another season.",
-    ),
 )
 
 
@@ -130,11 +102,11 @@ def _label_with_size(named: NamedEffect, problem: DiagnosisProblem) -> str:
 
 
 def _ambiguity(named: NamedEffect, problem: DiagnosisProblem) -> str:
-    """The alternatives of an effect, and how to separate them."""
+    """The alternatives of an effect."""
     labels = " or ".join(problem.label(other.effect) for other in named.alternatives)
     return (
         f"This record cannot distinguish {problem.label(named.effect_parameters.effect)} from {labels}; "
-        f"the interval spans them. {separating_measurement(named)}"
+        f"the interval spans them."
     )
 
 
@@ -159,6 +131,7 @@ def diagnosis_summary(findings: Findings) -> str:
             f"             -2 log L drops by {named.gain:.1f} ({named.expected_gain:.1f} expected), "
             f"{p_value_text(named.p_value, 1e-3)}; by windows {_list(windows.size)} ({equal})"
         )
+    lines += [f"next         {one.sentence}" for one in findings.prescriptions]
     lines.append("ranked       expected gain, gain, size, change of the diffusivity, reason, similar effects")
     lines += [f"             {row}" for row in findings.table[:_TABLE_ROWS]]
     if missing := untestable(problem.sensor_count, problem.record.regressors):
@@ -170,15 +143,6 @@ def diagnosis_summary(findings: Findings) -> str:
         rows = sorted(findings.table, key=lambda row: row.label)
         lines += [f"             {row.label}: {sizes[row.label]:.2g} {row.unit}".rstrip() for row in rows]
     return "\n".join(lines)
-
-
-def separating_measurement(named: NamedEffect) -> str:
-    """Advice which measurement would separate an effect from its alternatives."""
-    names = {named.effect_parameters.effect.name, *(other.effect.name for other in named.alternatives)}
-    for group, advice in _SEPARATING_MEASUREMENTS:
-        if names & group:
-            return advice
-    return "To separate them, record other weather, or add a sensor between the others."
 
 
 def _list(values: np.ndarray) -> str:

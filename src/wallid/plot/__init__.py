@@ -41,6 +41,7 @@ from .missing_effects import (
     week_temperatures,
 )
 from .model import error_by_order, flux_sensitivity, sensitivity
+from .next_measurement import action_probabilities, sensor_probability
 from .prediction import heat_load, inner_face_flux, last_week, measurement_uncertainty, residual_density
 from .regressors import regressor_quantities, regressors
 from .residuals import (
@@ -65,6 +66,7 @@ __all__ = [
     "SKY",
     "STYLE",
     "YELLOW",
+    "action_probabilities",
     "average_resistance",
     "colour_limit",
     "convergence",
@@ -100,6 +102,7 @@ __all__ = [
     "sensitivity",
     "sensor_colour",
     "sensor_placement",
+    "sensor_probability",
     "shared_colour_bar",
     "shared_legend",
     "size_by_window",

@@ -182,6 +182,10 @@ def _missing_caption(run: Run) -> str:
     )
 
 
+def _next_text(run: Run) -> str:
+    return "" if run.diagnosis is None else " ".join(one.sentence for one in run.diagnosis.prescriptions)
+
+
 def _windows_caption(run: Run) -> str:
     return (
         "Size of each effect of the model, estimated from each quarter of the record: an effect that exists has the "
@@ -274,6 +278,13 @@ _CAPTIONS: dict[str, tuple[str | Text, Text]] = {
         "Similarity of the effects in this record: cosine between the changes of the residual that they cause. A pair "
         "near 1 cannot be distinguished. Names in bold: effects of the model.",
         _fixed("Matrix of the absolute cosine, 0 to 1, between the residual changes of each two effects."),
+    ),
+    "next": (
+        "Probability that the next diagnosis names the right effect and has no alternative to it (for a record that "
+        "does not determine the diffusivity: that the next one does). Left: with one more temperature sensor, by its "
+        "place. Right: with each proposed action. The probability is averaged over which of the effects is the true "
+        "one, over its size, and over the noise.",
+        _next_text,
     ),
     "windows": (
         _windows_caption,

@@ -44,6 +44,7 @@ STEMS = (
     "fit",
     "confusable",
     "windows",
+    "next",
     "periodogram",
 )
 """Names of all figure files, without extension."""
@@ -269,6 +270,8 @@ def diagnosis_figures(diagnosis: Diagnosis) -> Iterator[tuple[str, Figure]]:
     """
     with plot.style():
         yield "missing", _missing_figure(diagnosis)
+        if any(one.curve or one.actions for one in diagnosis.prescriptions):
+            yield "next", _next_figure(diagnosis)
         yield "residuals", _residuals_figure(diagnosis)
         if diagnosis.incomplete:
             figure, ax = plot.figure(height=3.0)
@@ -315,6 +318,25 @@ def _residuals_figure(diagnosis: Diagnosis) -> Figure:
         plot.hourly_residual(fit, tests.by_hour, f"{title}: by hour of the day", legend=False, ax=column[1])
     plot.shared_colour_bar(list(axes[0]))
     shared_legend(figure, axes[1, 0])
+    return figure
+
+
+def _next_figure(diagnosis: Diagnosis) -> Figure:
+    """A row for each question: the sensor by its place, and the actions."""
+    shown = [one for one in diagnosis.prescriptions if one.curve or one.actions]
+    places = any(one.curve for one in shown)
+    heights = [1.7 + 0.25 * max(3, len(one.actions)) for one in shown]
+    figure, axes = plot.figure(len(shown), 2 if places else 1, width=9.6 if places else 6.4, height=heights)
+    for one, row in zip(shown, np.reshape(axes, (len(shown), -1)), strict=True):
+        if one.curve:
+            plot.sensor_probability(one, legend=False, ax=row[0])
+        elif places:
+            row[0].set_axis_off()
+        plot.action_probabilities(one, legend=False, ax=row[-1])
+        if not one.actions:
+            row[-1].set_axis_off()
+            row[-1].set_title("No action is probable enough")
+    shared_legend(figure, next(ax for ax in np.ravel(axes) if ax.axison))
     return figure
 
 

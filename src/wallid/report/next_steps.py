@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from ..discrepancy.effects.catalogue import untestable
-from ..discrepancy.summary import separating_measurement
 from ..estimation.heat_flux import R_SURFACES, SURFACES_TEXT
 from ..estimation.materials import materials_like
 
@@ -88,22 +86,16 @@ def _after_diagnosis(found: Diagnosis) -> list[str]:
             steps.append("use the diffusivity, which is that of the corrected record")
         for named in found.effects:
             effect = named.effect_parameters.effect
-            if named.alternatives:
-                steps.append(separating_measurement(named))
             if remedy := _REMEDIES.get(effect.name):
                 steps.append(f"on the wall: {remedy.format(target=found.problem.target_name(effect) or '')}")
     elif found.verdict == "adequate":
         steps.append("use the value, with its interval")
     elif found.verdict == "unnamed":
-        columns = untestable(found.problem.sensor_count, found.problem.record.regressors)
-        needed = sorted({need for needs in columns.values() for need in needs})
-        if needed:
-            steps.append(f"log what would make further effects testable: {', '.join(needed)}")
         steps.append("look at the figure of what is left: at which sensor, hour and days it is largest")
         steps.append("do not rely on the diffusivity beyond its interval")
-    else:
+    elif not any(one.actions for one in found.prescriptions):
         steps.append("record days with larger variations of the face temperatures, longer, or with a further sensor")
-    return steps
+    return [*steps, *(one.step for one in found.prescriptions if one.actions)]
 
 
 def _sun_on_faces(found: Diagnosis) -> Iterator[str]:

@@ -100,6 +100,9 @@ def render_page(run: Run, result: dict[str, Any], figures: Sequence[DrawnFigure]
         sides=_sides(run),
         implications=[format_text(line) for line in implications(run, _reliable(run, values))],
         steps=[_with_code(format_text(step)) for step in steps],
+        prescriptions=[]
+        if run.diagnosis is None
+        else [format_text(one.sentence) for one in run.diagnosis.prescriptions],
         first_figure=_first_figure(run),
         answer=answer(run, result),
         figures=_page_figures(run, figures),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -49,7 +49,7 @@ class Action:
         """What to do, in words."""
         match self.kind:
             case "sensor":
-                return f"one more temperature sensor, {self.parameters['position']:.3g} m from the left face"
+                return f"put one more temperature sensor {self.parameters['position']:.3g} m from the left face"
             case "column":
                 return f"log the {_COLUMN_WORDS.get(self.parameters['column'], self.parameters['column'])}"
             case "longer":
@@ -59,6 +59,21 @@ class Action:
             case "heating":
                 power, hours = self.parameters["power"], self.parameters["hours"]
                 return f"heat the inner face once with {power:.0f} W/m2 for {hours:.0f} h"
+
+    @property
+    def short_words(self) -> str:
+        """What to do, in a few words."""
+        match self.kind:
+            case "sensor":
+                return f"sensor at {100 * self.parameters['position']:.3g} cm"
+            case "column":
+                return f"log {self.parameters['column'].replace('_', ' ')}"
+            case "longer":
+                return f"{self.days:.3g} days"
+            case "shade":
+                return f"shade the {self.parameters['face']} face"
+            case "heating":
+                return f"heat for {self.parameters['hours']:.0f} h"
 
 
 _COLUMN_WORDS = {
@@ -73,12 +88,13 @@ _COLUMN_WORDS = {
 
 @dataclass(frozen=True, eq=False)
 class Prescription:
-    """What to measure so that the next diagnosis names the right one of some effects.
+    """What to measure so that the next diagnosis answers one question.
 
     Args:
-        separate: the effects that the record cannot distinguish; empty where the record is uninformative.
+        separate: the effects that the record cannot distinguish, or that it could not be tested for; empty where the
+            record is uninformative.
         labels: of these effects.
-        now: probability that a repeat of this record would name the right one alone.
+        now: probability that a repeat of this record would name the right one alone (or be informative).
         actions: those that help, the best first.
         tried: the kinds of action that were tried.
         curve: positions (m) and probabilities of one more sensor; empty where none was tried.
@@ -90,6 +106,64 @@ class Prescription:
     actions: tuple[Action, ...]
     tried: tuple[ActionKind, ...]
     curve: tuple[tuple[float, float], ...] = field(default=(), repr=False)
+
+    @property
+    def question(self) -> str:
+        """What the record leaves open, as the beginning of a sentence."""
+        if not self.separate:
+            return "To determine the diffusivity"
+        if self.tried == ("column",):
+            return f"To test for {_list_of(self.labels)}"
+        return f"To distinguish {self.labels[0]} from {_list_of(self.labels[1:])}"
+
+    @property
+    def sentence(self) -> str:
+        """What to measure next, with the probability that the next diagnosis is then right."""
+        if not self.actions:
+            tried = _list_of([_KIND_WORDS[kind] for kind in self.tried])
+            return f"{self.question}, nothing that was tried is probably enough: {tried}."
+        best, *others = self.actions
+        text = (
+            f"{self.question}, {best.words}: the next diagnosis is then right with probability {best.probability:.2f}"
+        )
+        if self.tried != ("column",):
+            text += f", after a mere repeat of this record with {self.now:.2f}"
+        if others:
+            text += f". Or {_list_of([f'{one.words} ({one.probability:.2f})' for one in others])}"
+        if self.curve and max(probability for _, probability in self.curve) < HELPFUL:
+            text += ". No further temperature sensor is probably enough"
+        return f"{text}."
+
+    @property
+    def step(self) -> str:
+        """The best action in a few words; empty where there is none."""
+        if not self.actions:
+            return ""
+        best = self.actions[0]
+        return f"{self.question}, {best.words} (right with probability {best.probability:.2f})"
+
+    def to_dict(self, target_of: Callable[[EffectParameters], str | None]) -> dict[str, Any]:
+        """The entry of result.json.
+
+        Args:
+            target_of: the target of an effect as in result.json.
+        """
+        separate = [{"name": one.effect.name, "target": target_of(one)} for one in self.separate]
+        return {"separate": separate, "now": self.now, "actions": [action.to_dict() for action in self.actions]}
+
+
+_KIND_WORDS: Mapping[ActionKind, str] = {
+    "sensor": "a further temperature sensor",
+    "column": "logging the column",
+    "longer": "a record of up to six times the length",
+    "shade": "shading the outer face",
+    "heating": "heating the inner face",
+}
+
+
+def _list_of(texts: Sequence[str]) -> str:
+    """Texts as a list with "or"."""
+    return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} or {texts[-1]}"
 
 
 def best_actions(actions: Sequence[Action], now: float) -> tuple[Action, ...]:

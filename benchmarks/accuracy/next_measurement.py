@@ -1,0 +1,173 @@
+"""How often the next diagnosis is right after what was proposed: `python -m benchmarks.accuracy.next_measurement`.
+
+Records are those of the discrepancy benchmark with one hidden effect. Each whose diagnosis is `confusable` is measured
+again by the independent simulator, with other weather and other noise, as the best proposed action says, and diagnosed
+again. It came true where the hidden effect is named and has no alternative. Where nothing was proposed, each action is
+tried. The errors of the sensors' places stay; a new sensor has its own.
+
+The stated probability is averaged over which effect of the set is the true one, so sets without the hidden effect are
+counted apart. Records that no diagnosis could find, or that are clear at once, are left out before (`identifiability`).
+Each outcome goes to a log of JSON lines, so that a long run goes on where it ended.
+"""
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import binom
+
+from benchmarks.accuracy.discrepancy.scenarios import identifiability, singles
+from benchmarks.reference.simulator_with_effects import DAY, EFFECTS, HOUR, Spec, write_case
+
+SEED = 1034  # of the scoring seeds; fixed before the first record was tried
+_LEAST, _CLEAR = 12.0, 100.0  # squared signal-to-noise: nothing is found below, nothing is confusable above
+_BINS = (0.0, 0.5, 0.7, 0.9, 1.0)
+_REFUSED = (
+    {"kind": "heating", "hours": 12.0, "power": 100.0},
+    {"kind": "shade"},
+    {"kind": "longer", "times": 6.0},
+    {"kind": "sensor", "share": 0.25},
+    {"kind": "sensor", "share": 0.75},
+)
+
+
+def candidates(seed: int) -> Iterator[tuple[str, int, Spec]]:
+    """Records with one hidden effect that may be confusable, the effects in turn."""
+    names = list(EFFECTS)
+    for number in range(500):
+        for name in names:
+            spec = singles(name, number + 1, seed)[number]
+            known = identifiability(spec)
+            if known["free"] >= _LEAST and known["rivals"] < _CLEAR:
+                yield name, number, spec
+
+
+def measured_again(spec: Spec, action: dict) -> Spec:
+    """The next campaign: other weather and noise, and what the action changes."""
+    days = spec.days * action["times"] if "times" in action else action.get("days", spec.days)
+    spec = replace(spec, weather_seed=spec.weather_seed + 10**9, days=float(days))
+    inner_start = spec.days / 3.0 * DAY
+    match action["kind"]:
+        case "sensor":
+            place = action.get("position", action.get("share", 0.0) * spec.length)
+            return replace(spec, positions=(*spec.positions, round(place, 4)))
+        case "heating":
+            return replace(spec, heated=(inner_start, action["hours"] * HOUR, action["power"]))
+        case "shade":
+            return replace(spec, shaded=0.5 * spec.days * DAY)
+        case "longer":
+            return spec
+    raise ValueError(f"unknown action {action}")
+
+
+def diagnosed(spec: Spec, noise: int | None = None):
+    """The diagnosis of a campaign.
+
+    `noise` is the seed of noise that differs from that of the sensors' places; None for the same.
+    """
+    import wallid
+
+    with tempfile.TemporaryDirectory() as folder:
+        write_case(spec, folder, noise=noise)
+        return wallid.diagnose(wallid.load(folder))
+
+
+def right(found, spec: Spec) -> bool:
+    """Whether the hidden effect is named alone, without alternatives."""
+    hidden = spec.effects[0]
+    return (
+        found.verdict == "named"
+        and len(found.effects) == 1
+        and _is(found, found.effects[0].effect_parameters, hidden)
+        and not found.mixups
+    )
+
+
+def _is(found, effect, hidden) -> bool:
+    return (effect.effect.name, found.problem.target_name(effect.effect)) == (hidden.name, hidden.target)
+
+
+def one(name: str, number: int, spec: Spec) -> Iterator[dict]:
+    """A line for each set of one record; none where the diagnosis has no confusable effect."""
+    start = time.perf_counter()
+    found = diagnosed(spec)
+    seconds = time.perf_counter() - start
+    base = {"name": name, "number": number, "days": spec.days, "verdict": found.verdict, "seconds": seconds}
+    if found.verdict != "confusable":
+        yield base
+        return
+    for prescription in found.prescriptions:
+        holds = any(_is(found, effect, spec.effects[0]) for effect in prescription.separate)
+        line = base | {"set": list(prescription.labels), "holds_truth": holds, "now": prescription.now}
+        noise = spec.noise_seed + 10**9
+        if prescription.actions:
+            action = prescription.actions[0].to_dict()
+            again = diagnosed(measured_again(spec, action), noise)
+            yield line | {"action": action, "true": right(again, spec), "then": again.verdict, "said": again.sentence}
+        else:
+            tried = {}
+            for refused in _REFUSED if holds else ():
+                again = diagnosed(measured_again(spec, refused), noise)
+                tried[json.dumps(refused)] = right(again, spec)
+            yield line | {"action": None, "tried": tried}
+
+
+def summary(lines: list[dict]) -> Iterator[str]:
+    """The stated probabilities against how often they came true."""
+    sets = [line for line in lines if "set" in line]
+    acted = [line for line in sets if line["action"] is not None]
+    known = [line for line in acted if line["holds_truth"]]
+    yield f"{len(lines)} records, {len(sets)} confusable sets, {len(acted)} with an action, {len(known)} with the truth"
+    for low, high in pairwise(_BINS):
+        own = [one for one in known if low <= one["action"]["probability"] < high + (high == 1.0)]
+        if own:
+            stated = float(np.mean([line["action"]["probability"] for line in own]))
+            count = sum(line["true"] for line in own)
+            band = binom.ppf([0.00625, 0.99375], len(own), stated)
+            yield f"| {low} to {high} | {len(own)} | {stated:.2f} | {count / len(own):.2f} | {band / len(own)} |"
+    if known:
+        stated = np.array([line["action"]["probability"] for line in known])
+        true = np.array([line["true"] for line in known], float)
+        skill = 1.0 - np.mean((stated - true) ** 2) / max(float(np.mean((true.mean() - true) ** 2)), 1e-12)
+        yield f"Brier skill {skill:.2f}; of all acted, whether or not with the truth: {true.sum():.0f} of {len(acted)}"
+    refused = [line for line in sets if line["action"] is None and line["holds_truth"]]
+    worked = sum(any(line["tried"].values()) for line in refused)
+    yield f"nothing will: {len(refused)}; {worked} had an action that worked"
+
+
+def main() -> None:
+    """Try records and print the summary of the log."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--log", type=Path, default=Path("next_measurement.jsonl"))
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument(
+        "--part", type=int, nargs=2, default=(0, 1), metavar=("K", "N"), help="every N-th record, from K"
+    )
+    given = parser.parse_args()
+    lines = [json.loads(text) for text in given.log.read_text().splitlines()] if given.log.exists() else []
+    done, start = {(line["name"], line["number"]) for line in lines}, time.monotonic()
+    for count, (name, number, spec) in enumerate(candidates(given.seed)):
+        if time.monotonic() - start > 60 * given.minutes:
+            break
+        if count % given.part[1] != given.part[0] or (name, number) in done:
+            continue
+        for line in one(name, number, spec):
+            lines.append(line)
+            with given.log.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(line) + "\n")
+            print(json.dumps(line)[:400], flush=True)
+    print("\n".join(summary(lines)))
+
+
+if __name__ == "__main__":
+    main()
