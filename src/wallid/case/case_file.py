@@ -14,6 +14,7 @@ from .._internal.errors import InputError
 from .._internal.validation import (
     array_of_tables,
     checked_table,
+    dataclass_from_table,
     error_context,
     number,
     number_tuple,
@@ -21,6 +22,7 @@ from .._internal.validation import (
     text,
 )
 from ..records.table_columns import read_uniform_table
+from .campaign_settings import TYPICAL_SENSOR, Campaign, CampaignSettings
 from .case_definition import Case, LearningSignal
 from .case_tables import parse_choices, parse_record, parse_sensors, parse_wall
 from .wall_and_sensors import check_sensors
@@ -57,8 +59,11 @@ def case_of(content: bytes, path: Path) -> Case:
         InputError: as from `load`.
     """
     with error_context(str(path)):
-        optional = ("sensor", "choices", "learning", "case", "description")
-        document = checked_table(_parse(content), ("wall", "record"), optional)
+        document = _parse(content)
+        if "plan" in document and "record" not in document:
+            raise InputError("has no [record]: `wallid plan` plans a campaign; the other commands need its record")
+        optional = ("sensor", "choices", "learning", "case", "description", "plan")
+        document = checked_table(document, ("wall", "record"), optional)
         name, description = _name_and_description(document, path)
         wall = parse_wall(document["wall"])
         sensors = parse_sensors(document.get("sensor", []))
@@ -72,6 +77,40 @@ def case_of(content: bytes, path: Path) -> Case:
     with error_context(str(path)):
         record = table.with_noise(record, sensors)
         return Case(name, path, wall, sensors, record, choices, learning, description)
+
+
+def load_campaign(path_or_name: str | os.PathLike[str]) -> Campaign:
+    """Load the campaign that a case file plans: its `[plan]`, without a record.
+
+    Args:
+        path_or_name: a file, or a folder with a case.toml.
+
+    Raises:
+        InputError: the file cannot be read, has no `[plan]`, or a field is invalid.
+    """
+    path = _find(path_or_name)
+    with error_context(str(path)):
+        try:
+            document = _parse(path.read_bytes())
+        except OSError as error:
+            raise InputError(f"cannot be read: {error.strerror or error}") from error
+        if "plan" not in document:
+            raise InputError("has no [plan]; `wallid new --plan` writes one by questions")
+        optional = ("record", "sensor", "choices", "learning", "case", "description")
+        checked_table(document, ("wall", "plan"), optional)
+        name, description = _name_and_description(document, path)
+        sensors = parse_sensors(document.get("sensor", []))
+        with error_context("[plan]"):
+            settings = dataclass_from_table(CampaignSettings, document["plan"])
+        return Campaign(
+            name=name,
+            path=path,
+            wall=parse_wall(document["wall"]),
+            settings=settings,
+            sensor=sensors[0] if sensors else TYPICAL_SENSOR,
+            choices=parse_choices(document.get("choices", {}), sensors),
+            description=description,
+        )
 
 
 def packaged() -> tuple[str, ...]:

@@ -1,0 +1,72 @@
+"""The columns that a planned campaign should log.
+
+An effect that needs a column, at its typical size, either would be seen in the record, so that without the column
+something unnamed would remain; or it would be taken for another diffusivity. In both cases the column is to be logged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...case.case_definition import Case
+from ...case.time_window import Window
+from ...case.wall_and_sensors import SIDES
+from ...inference.likelihood import LOG_DIFFUSIVITY
+from ..acceptance import FIRST_EFFECT_LEVEL
+from ..candidate_fits import CandidateFits
+from ..effect_fit import linearised_at
+from ..effects.catalogue import untestable
+from ..problem import EffectParameters, diagnosis_problem
+from ..score_test import CandidateScores
+from .unlogged_columns import typical_courses
+
+_LONGEST = 14 * 24  # rows of the planned campaign that are looked at
+
+
+def columns_to_log(case: Case, window: Window, logged: dict[str, np.ndarray]) -> dict[str, str]:
+    """The columns that a campaign should log, each with the reason.
+
+    Args:
+        case: the planned campaign in a typical year, without noise.
+        window: its rows.
+        logged: known courses of columns in the typical year, such as the irradiance, `(time,)` each.
+    """
+    if not case.sensors:  # a diagnosis needs a temperature inside
+        return {}
+    needed = untestable(len(case.sensors), ())
+    columns = sorted({column for columns in needed.values() for column in columns} | {"heating"})
+    part = case.record.window(window.row, min(window.rows, _LONGEST))
+    courses = typical_courses(part, SIDES.index(case.wall.outside))
+    courses |= {name: values[window.row : window.row + part.rows] for name, values in logged.items()}
+    record = replace(part, regressors={name: courses[name] for name in columns})
+    problem = diagnosis_problem(replace(case, record=record, choices=replace(case.choices, diagnose_days=None)))
+    noise = problem.noise_shape(problem.parameters).stated_covariance()
+    scores = CandidateFits(problem).score_candidates(linearised_at(problem, (), problem.parameters, noise))
+    reasons = {column: _reason(scores, column) for column in columns}
+    return {column: reason for column, reason in reasons.items() if reason}
+
+
+def _reason(scores: CandidateScores, column: str) -> str:
+    """Why a column is to be logged; empty where it is not."""
+    problem, threshold = scores.base.problem, scores.threshold(FIRST_EFFECT_LEVEL)
+    worst, reason = 0.0, ""
+    for effect in problem.library:
+        if column not in effect.effect.required_regressors() or effect not in scores.by_effect:
+            continue
+        seen, shift = _at_typical_size(scores, effect)
+        label, size = problem.label(effect.effect), effect.effect.parameters[0]
+        text = f"{label} of {size.scale:g} {size.unit}".strip()
+        if seen > threshold and seen > worst:
+            worst, reason = seen, f"{text} would be seen, and shift the diffusivity by {100 * np.expm1(shift):+.2g} %"
+    return reason
+
+
+def _at_typical_size(scores: CandidateScores, effect: EffectParameters) -> tuple[float, float]:
+    """The expected gain of an effect of typical size, and the shift of ln(alpha) if it is left out."""
+    own = scores.by_effect[effect]
+    best = int(own[np.argmax(scores.norm[own])])
+    size = effect.effect.parameters[0].scale
+    index = scores.base.index(LOG_DIFFUSIVITY)
+    return float((size * scores.norm[best]) ** 2), float(-size * scores.parameter_shifts[index, best])

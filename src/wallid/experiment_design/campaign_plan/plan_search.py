@@ -1,0 +1,184 @@
+"""The search for the plan of a campaign: places, plates, first day and length."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..._internal.progress import Progress, shown_progress
+from ..._internal.units import DAY
+from ...case.campaign_settings import Campaign
+from ...case.time_window import Window
+from ...records.weather_year import HOURS, read_weather_year
+from .expected_intervals import Instruments, RelativeErrors, TypicalYear
+from .plan_result import CampaignPlan, Curve, Season, Tolerance
+from .typical_case import day_of_year, sampling_step, typical_case
+
+_QUANTILES = (-1.282, -0.524, 0.0, 0.524, 1.282)  # of ln(alpha), in its standard deviations: equal probabilities
+_MIDDLE = 2
+_SHARES = np.linspace(0.1, 0.9, 9)  # of the wall's length, at which a sensor may be
+_STARTS = 26  # first days that are compared
+_LENGTHS = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 21.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 270.0, 366.0)  # days
+_PLACES_FROM = 6  # first days at which the places are compared
+_PLACED_WITH = 7.0  # days, length of a campaign for which they are
+_ENOUGH = 1.1  # an interval that is at most so many times the narrowest needs nothing more
+_FINE_ENOUGH = 0.005  # standard error of ln(diffusivity), +-1 %: no wall is a homogeneous slab to better than that
+_STDS = {"position_std": (0.0005, 0.001, 0.002, 0.005, 0.01), "offset_std": (0.01, 0.02, 0.05, 0.1, 0.2)}
+
+
+class PlanSearch:
+    """The typical years of a wall, over the diffusivities that it may have, and the campaigns in them.
+
+    Args:
+        campaign: the wall and what may be measured.
+        report: of the progress.
+    """
+
+    def __init__(self, campaign: Campaign, report: Progress):
+        self.campaign, self.wall = campaign, campaign.wall
+        self.report, self.days = report, campaign.settings.days
+        self.weather = read_weather_year(campaign.weather_file)
+        positions = (_SHARES * self.wall.length).tolist()
+        last = HOURS - round(self.days * 24)
+        self.starts = 24 * np.unique(np.linspace(0, max(last, 0) / 24, _STARTS).astype(int))
+        self.years: list[TypicalYear] = []
+        for count, quantile in enumerate(_QUANTILES):
+            report("plan: simulating the typical year", 0.05 + 0.2 * count / len(_QUANTILES))
+            diffusivity = self.wall.diffusivity_prior * math.exp(quantile * campaign.settings.log_std)
+            case = typical_case(campaign, self.weather, diffusivity, positions, campaign.settings.plates)
+            self.years.append(TypicalYear(case, self.starts.tolist(), min(self.days, HOURS / 24)))
+
+    def errors(self, start: int, days: float, instruments: Instruments) -> list[RelativeErrors]:
+        """The expected standard errors at each diffusivity."""
+        return [year.errors(start, days, instruments) for year in self.years]
+
+    def error(self, start: int, days: float, instruments: Instruments) -> float:
+        """The median standard error of ln(diffusivity) over the diffusivities."""
+        return float(np.median([one.diffusivity for one in self.errors(start, days, instruments)]))
+
+    def places(self) -> list[Instruments]:
+        """The best set of each number of sensors, with all plates: each adds a sensor to the one before."""
+        plates = tuple(range(len(self.campaign.settings.plates)))
+        sets = [Instruments((), plates)]
+        starts = np.linspace(0, len(self.starts) - 1, _PLACES_FROM).astype(int).tolist()
+        days = min(_PLACED_WITH, self.days)
+        for count in range(self.campaign.settings.sensors):
+            self.report("plan: placing sensors", 0.3 + 0.3 * count / self.campaign.settings.sensors)
+            unused = [k for k in range(len(_SHARES)) if k not in sets[-1].sensors]
+            added = [Instruments((*sets[-1].sensors, k), plates) for k in unused]
+            # the geometric mean over the first days and the middle diffusivities: none dominates
+            scores = [
+                sum(math.log(min(self.years[y].errors(s, days, one).diffusivity, 1e6)) for s in starts for y in (1, 3))
+                for one in added
+            ]
+            sets.append(added[int(np.argmin(scores))])
+        return sets if plates else sets[1:]
+
+    def best_start(self, days: float, instruments: Instruments) -> int:
+        """The index of the first day with the smallest standard error."""
+        errors = [self.years[_MIDDLE].errors(s, days, instruments).diffusivity for s in range(len(self.starts))]
+        return int(np.argmin(errors))
+
+    def curve(self, start: int, instruments: Instruments) -> Curve:
+        """The interval against the days, for one set and one first day."""
+        lengths = [*(days for days in _LENGTHS if days < self.days), self.days]
+        errors = [[one.diffusivity for one in self.errors(start, days, instruments)] for days in lengths]
+        return Curve(len(instruments.sensors), tuple(lengths), np.array(errors))
+
+
+def plan_campaign(campaign: Campaign, *, progress: Progress | None = None) -> CampaignPlan:
+    """How to instrument a wall before there is a record.
+
+    The wall is put into the weather of a typical year. Of each campaign the interval of an estimate is expected from
+    the Fisher information, over the diffusivities that the wall may have: for up to the stated number of sensors,
+    placed one after the other, with and without plates, for first days around the year and for each length.
+
+    Args:
+        campaign: from `wallid.load_campaign`.
+        progress: called as `progress(text, share)` with the step that begins and the completed share, 0 to 1;
+            None for a bar in a notebook, and nothing elsewhere.
+
+    Returns:
+        sensors, plates, sampling step, days and first day, each with what it would give.
+
+    Raises:
+        InputError: the weather file cannot be read.
+    """
+    with shown_progress(progress) as report:
+        report("plan: reading the weather", 0.0)
+        search = PlanSearch(campaign, report)
+        sets = search.places()
+        report("plan: choosing the first day and the length", 0.6)
+        start = search.best_start(search.days, sets[-1])
+        curves = [search.curve(start, one) for one in sets]
+        longest = np.array([curve.median[-1] for curve in curves])
+        chosen = int(np.argmax(longest <= max(_ENOUGH * longest.min(), _FINE_ENOUGH)))
+        instruments = _with_fewest_plates(search, start, sets[chosen])
+        days = curves[chosen].enough(_ENOUGH, _FINE_ENOUGH)
+        report("plan: comparing seasons", 0.8)
+        return _result(search, instruments, search.best_start(days, instruments), days, curves)
+
+
+def _with_fewest_plates(search: PlanSearch, start: int, instruments: Instruments) -> Instruments:
+    """The set with the fewest plates that determine the resistance about as well as all; one is needed for it."""
+    plates = instruments.plates
+    if len(plates) < 2:
+        return instruments
+    year = search.years[_MIDDLE]
+    both = year.errors(start, search.days, instruments).resistance
+    single = [replace(instruments, plates=(k,)) for k in plates]
+    errors = [year.errors(start, search.days, one).resistance for one in single]
+    best = int(np.argmin(errors))
+    return single[best] if errors[best] <= _ENOUGH * both else instruments
+
+
+def _result(
+    search: PlanSearch, instruments: Instruments, start: int, days: float, curves: Sequence[Curve]
+) -> CampaignPlan:
+    """The plan of the chosen instruments, first day and length."""
+    campaign, settings = search.campaign, search.campaign.settings
+    positions = tuple(float(_SHARES[k] * search.wall.length) for k in sorted(instruments.sensors))
+    plates = tuple(settings.plates[k] for k in instruments.plates)
+    errors = tuple(search.errors(start, days, instruments))
+    season = Season(
+        tuple(day_of_year(int(row)) for row in search.starts),
+        np.array([[one.diffusivity for one in search.errors(s, days, instruments)] for s in range(len(search.starts))]),
+    )
+    case = typical_case(campaign, search.weather, search.wall.diffusivity_prior, positions, plates)
+    window = Window(int(search.starts[start]), round(days * DAY / case.record.step))
+    return CampaignPlan(
+        campaign=campaign,
+        positions=positions,
+        plates=plates,
+        step=sampling_step(campaign),
+        days=days,
+        start=day_of_year(int(search.starts[start])),
+        errors=errors,
+        diffusivities=tuple(year.diffusivity for year in search.years),
+        curves=tuple(curves),
+        season=season,
+        tolerances=_tolerances(search, instruments, start, days) if positions else (),
+        case=case,
+        window=window,
+    )
+
+
+def _tolerances(search: PlanSearch, instruments: Instruments, start: int, days: float) -> tuple[Tolerance, ...]:
+    """How the interval depends on the errors of positions and offsets."""
+    year, sensor = search.years[_MIDDLE], search.campaign.sensor
+    return tuple(
+        Tolerance(
+            name,
+            values,
+            np.array(
+                [
+                    year.errors(start, days, instruments, replace(sensor, **{name: value})).diffusivity
+                    for value in values
+                ]
+            ),
+        )
+        for name, values in _STDS.items()
+    )
