@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from . import plot
     from ._internal.errors import InputError
-    from .case import Case, Layer, Sensor, Wall, Window, load
-    from .discrepancy import Diagnosis, diagnose
+    from .case import Case, Layer, PlannedCampaign, Sensor, Wall, Window, load, load_campaign
+    from .discrepancy import Diagnosis, diagnose, plan
     from .estimation import (
         CampaignEstimate,
         Estimate,
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
         estimate_walls,
         predict,
     )
-    from .experiment_design import Design, SensorPlacement, design, place_sensors
+    from .experiment_design import CampaignPlan, Design, SensorPlacement, design, place_sensors
     from .models import StateSpace, full_order_model, sensitivity, simulate
     from .records import Record, read_record
     from .reduction import LearnedModel, learn
@@ -36,13 +36,13 @@ if TYPE_CHECKING:
 
 _NAMES = {
     "_internal.errors": ("InputError",),
-    "case": ("Case", "Layer", "Sensor", "Wall", "Window", "load"),
-    "discrepancy": ("Diagnosis", "diagnose"),
+    "case": ("PlannedCampaign", "Case", "Layer", "Sensor", "Wall", "Window", "load", "load_campaign"),
+    "discrepancy": ("Diagnosis", "diagnose", "plan"),
     "estimation": (
         *("CampaignEstimate", "Estimate", "Prediction", "WallEstimates"),
         *("campaign", "estimate", "estimate_walls", "predict"),
     ),
-    "experiment_design": ("Design", "SensorPlacement", "design", "place_sensors"),
+    "experiment_design": ("CampaignPlan", "Design", "SensorPlacement", "design", "place_sensors"),
     "models": ("StateSpace", "full_order_model", "sensitivity", "simulate"),
     "records": ("Record", "read_record"),
     "reduction": ("LearnedModel", "learn"),
@@ -79,6 +79,7 @@ def __dir__() -> list[str]:
 
 __all__ = [
     "CampaignEstimate",
+    "CampaignPlan",
     "Case",
     "Design",
     "Diagnosis",
@@ -86,6 +87,7 @@ __all__ = [
     "InputError",
     "Layer",
     "LearnedModel",
+    "PlannedCampaign",
     "Prediction",
     "Record",
     "Sensor",
@@ -102,7 +104,9 @@ __all__ = [
     "full_order_model",
     "learn",
     "load",
+    "load_campaign",
     "place_sensors",
+    "plan",
     "plot",
     "predict",
     "read_record",

@@ -1,9 +1,10 @@
 """A case: the wall, its sensors, the record and the options; read from TOML or made in Python."""
 
 from .case_definition import Case, LearningSignal
-from .case_file import load, packaged
+from .case_file import load, load_campaign, packaged
 from .initial_profile import fit_profile, scales
 from .options import Choices
+from .planned_campaign import PlannedCampaign
 from .record_check import check
 from .scaling import Scales
 from .time_window import Window
@@ -14,6 +15,7 @@ __all__ = [
     "Choices",
     "Layer",
     "LearningSignal",
+    "PlannedCampaign",
     "Scales",
     "Sensor",
     "Wall",
@@ -21,6 +23,7 @@ __all__ = [
     "check",
     "fit_profile",
     "load",
+    "load_campaign",
     "packaged",
     "scales",
 ]

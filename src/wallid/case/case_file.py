@@ -22,9 +22,9 @@ from .._internal.validation import (
     text,
 )
 from ..records.table_columns import read_uniform_table
-from .campaign_settings import TYPICAL_SENSOR, Campaign, CampaignSettings
 from .case_definition import Case, LearningSignal
 from .case_tables import parse_choices, parse_record, parse_sensors, parse_wall
+from .planned_campaign import TYPICAL_SENSOR, CampaignSettings, PlannedCampaign
 from .wall_and_sensors import check_sensors
 
 _EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -79,7 +79,7 @@ def case_of(content: bytes, path: Path) -> Case:
         return Case(name, path, wall, sensors, record, choices, learning, description)
 
 
-def load_campaign(path_or_name: str | os.PathLike[str]) -> Campaign:
+def load_campaign(path_or_name: str | os.PathLike[str]) -> PlannedCampaign:
     """Load the campaign that a case file plans: its `[plan]`, without a record.
 
     Args:
@@ -91,9 +91,24 @@ def load_campaign(path_or_name: str | os.PathLike[str]) -> Campaign:
     path = _find(path_or_name)
     with error_context(str(path)):
         try:
-            document = _parse(path.read_bytes())
+            content = path.read_bytes()
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror or error}") from error
+    return campaign_of(content, path)
+
+
+def campaign_of(content: bytes, path: Path) -> PlannedCampaign:
+    """The campaign that a TOML file with this content would plan.
+
+    Args:
+        content: of the file, UTF-8.
+        path: of the file, which need not exist; the weather file is relative to its folder.
+
+    Raises:
+        InputError: as from `load_campaign`.
+    """
+    with error_context(str(path)):
+        document = _parse(content)
         if "plan" not in document:
             raise InputError("has no [plan]; `wallid new --plan` writes one by questions")
         optional = ("record", "sensor", "choices", "learning", "case", "description")
@@ -102,7 +117,7 @@ def load_campaign(path_or_name: str | os.PathLike[str]) -> Campaign:
         sensors = parse_sensors(document.get("sensor", []))
         with error_context("[plan]"):
             settings = dataclass_from_table(CampaignSettings, document["plan"])
-        return Campaign(
+        return PlannedCampaign(
             name=name,
             path=path,
             wall=parse_wall(document["wall"]),

@@ -84,46 +84,46 @@ def write_toml(
         "# Temperatures in degC, differences in K, everything else in SI. x = 0 is the left face.",
         "",
         "[wall]",
-        _key_line("length", answers.length, "m, between the two faces"),
-        _key_line("diffusivity_prior", answers.prior, "m2/s, initial value: brick 5e-7, stone 1e-6, concrete 7e-7"),
-        _key_line("outside", answers.outside or "left", "the face outdoors"),
-        _key_line(
+        key_line("length", answers.length, "m, between the two faces"),
+        key_line("diffusivity_prior", answers.prior, "m2/s, initial value: brick 5e-7, stone 1e-6, concrete 7e-7"),
+        key_line("outside", answers.outside or "left", "the face outdoors"),
+        key_line(
             "conductivity" if answers.conductivity else "# conductivity",
             answers.conductivity or 1.0,
             "W/m/K; heat fluxes and loads need it",
         ),
         "",
         "[record]",
-        _key_line("file", record_path, "relative to the folder of this file"),
-        _key_line("time", answers.time, "column of times"),
-        _key_line("left", answers.left, "column of the face at x = 0"),
-        _key_line("right", answers.right, "column of the face at x = length"),
-        *(_key_line(key, name, REGRESSOR_UNITS[key]) for key, name in answers.regressors.items()),
+        key_line("file", record_path, "relative to the folder of this file"),
+        key_line("time", answers.time, "column of times"),
+        key_line("left", answers.left, "column of the face at x = 0"),
+        key_line("right", answers.right, "column of the face at x = length"),
+        *(key_line(key, name, REGRESSOR_UNITS[key]) for key, name in answers.regressors.items()),
         *_unused_regressor_lines(answers),
         *_format_lines(answers.file_format),
-        _key_line("# boundary_noise_std", 0.1, "K, noise of the face readings; default: smallest of the sensors"),
-        _key_line("# face_position_std", 0.002, "m, standard deviation of the face sensors' position; default 0"),
-        _key_line("# longest_gap", 3.0, "hours; shorter gaps of a face are interpolated, longer ones split the record"),
+        key_line("# boundary_noise_std", 0.1, "K, noise of the face readings; default: smallest of the sensors"),
+        key_line("# face_position_std", 0.002, "m, standard deviation of the face sensors' position; default 0"),
+        key_line("# longest_gap", 3.0, "hours; shorter gaps of a face are interpolated, longer ones split the record"),
     ]
     noise = DEFAULT_NOISE_STD if answers.noise is None else answers.noise
     for name, position in (answers.sensors or {}).items():
         lines += [
             "",
             "[[sensor]]",
-            _key_line("name", name, "its column"),
-            _key_line("position", position, "m from the left face"),
-            _key_line("noise_std", noise, "K, standard deviation of a reading: see the data sheet"),
-            _key_line("position_std", 0.005, "m, standard deviation of the position"),
-            _key_line("offset_std", 0.1, "K, standard deviation of a constant offset; 0 after calibration"),
+            key_line("name", name, "its column"),
+            key_line("position", position, "m from the left face"),
+            key_line("noise_std", noise, "K, standard deviation of a reading: see the data sheet"),
+            key_line("position_std", 0.005, "m, standard deviation of the position"),
+            key_line("offset_std", 0.1, "K, standard deviation of a constant offset; 0 after calibration"),
         ]
         if name in units:
-            lines.append(_key_line("unit", units[name], "of this column"))
+            lines.append(key_line("unit", units[name], "of this column"))
     lines += [
         "",
         "[choices]",
-        _key_line("window_days", days, "length of the windows that the design compares"),
-        _key_line("# model", "mim", 'the reduced-order model; "lom": the full-order model'),
-        _key_line("# order", 10, "of the reduced-order model"),
+        key_line("window_days", days, "length of the windows that the design compares"),
+        key_line("# model", "mim", 'the reduced-order model; "lom": the full-order model'),
+        key_line("# order", 10, "of the reduced-order model"),
         "",
     ]
     return "\n".join(lines)
@@ -135,7 +135,7 @@ def _unused_regressor_lines(answers: Answers) -> list[str]:
     if not unused:
         return []
     first, *others = unused
-    lines = [_key_line(f"# {first}", "...", f"column, {REGRESSOR_UNITS[first]}; for diagnose")]
+    lines = [key_line(f"# {first}", "...", f"column, {REGRESSOR_UNITS[first]}; for diagnose")]
     return [*lines, f"{'#':<{_WIDTH}} # likewise {', '.join(others)}"] if others else lines
 
 
@@ -152,19 +152,19 @@ def _format_lines(file_format: FileFormat) -> list[str]:
         "longest_gap": "hours",
     }
     stated = [(key, getattr(file_format, key), comment) for key, comment in comments.items()]
-    lines = [_key_line(key, value, comment) for key, value, comment in stated if value is not None]
+    lines = [key_line(key, value, comment) for key, value, comment in stated if value is not None]
     if file_format.missing:
         lines.append(
-            _key_line("missing", list(file_format.missing), "mark a missing value, in addition to the common ones")
+            key_line("missing", list(file_format.missing), "mark a missing value, in addition to the common ones")
         )
     if not file_format.clean:
-        lines.append(_key_line("clean", False, "spikes and stuck readings are kept"))
+        lines.append(key_line("clean", False, "spikes and stuck readings are kept"))
     if file_format.timezone is None:
-        lines.append(_key_line("# timezone", "Europe/Berlin", "if the clock follows daylight saving"))
+        lines.append(key_line("# timezone", "Europe/Berlin", "if the clock follows daylight saving"))
     return lines
 
 
-def _key_line(key: str, value: object, comment: str) -> str:
+def key_line(key: str, value: object, comment: str) -> str:
     """A key, its value and its comment."""
     return f"{f'{key} = {_toml(value)}':<{_WIDTH}} # {comment}"
 

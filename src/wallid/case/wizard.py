@@ -74,7 +74,7 @@ def new_case(
     """
     record = Path(record)
     target = record.parent / "case.toml" if to is None else Path(to)
-    _check_target(target, force)
+    check_target(target, force)
     answers = answers or Answers()
     detected = detect_columns(record, answers.file_format, answers.time)
     answers = _complete(record, answers, detected, ask)
@@ -86,21 +86,21 @@ def new_case(
         except InputError as error:
             fault = str(error)
         else:
-            _write(target, text)
+            write_case_file(target, text)
             return case
         changed = None
         if ask is not None:
             with suppress(InputError):  # the user has stopped: the answers are kept in the file
                 changed = ask_again(answers, detected, ask, fault)
         if changed is None:
-            _write(target, write_toml(record_path, answers, {}, 3.0, fault=fault))
+            write_case_file(target, write_toml(record_path, answers, {}, 3.0, fault=fault))
             raise InputError(
                 f"{target} is written and cannot be used yet: {fault}. Edit it, then `wallid check {target}`"
             )
         answers = changed
 
 
-def _check_target(target: Path, force: bool) -> None:
+def check_target(target: Path, force: bool) -> None:
     """Raise an error before the first question where the answers could not be written."""
     if target.exists() and not force:
         raise InputError(f"{target} exists; --force writes over it, --to FILE writes another")
@@ -117,7 +117,7 @@ def _valid_text(record: Path, record_path: str, answers: Answers, detected: Dete
     return write_toml(record_path, answers, units, _window_days(_read(record, answers, units)))
 
 
-def _write(target: Path, text: str) -> None:
+def write_case_file(target: Path, text: str) -> None:
     """Write the text by way of a temporary file, so that an existing file is replaced as a whole."""
     draft = target.with_name(f".wallid-{os.getpid()}-{target.name}")
     with signals_held():

@@ -1,4 +1,4 @@
-"""The command line: `wallid demo | new | check | run | design | estimate | diagnose`."""
+"""The command line: `wallid demo | new | check | plan | run | design | estimate | diagnose`."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from .._internal.interrupts import print_before_line
 from ..case.toml_writer import DEFAULT_NOISE_STD, DEFAULT_PRIOR, Answers
 from ..case.wizard import new_case, parse_sensor
 from ..case.wizard_dialogue import parse_length
+from ..case.wizard_plan import PlanAnswers, new_plan, parse_azimuth, parse_indoor
 from ..records.file_format import FileFormat
-from .execution import exit_with_error, run_command
+from .execution import exit_with_error, run_command, run_plan
 from .options import (
     DEFAULT_OUT,
     CaseArgument,
@@ -109,7 +110,21 @@ def _stages(lengths: bool) -> tuple[str, ...]:
 
 @app.command()
 def new(
-    record: Annotated[Path, typer.Argument(metavar="RECORD", help="The logger's file: CSV with a header.")],
+    record: Annotated[
+        Path,
+        typer.Argument(metavar="RECORD", help="The logger's file: CSV with a header. With --plan: the weather file."),
+    ],
+    plan: Annotated[
+        bool,
+        typer.Option("--plan", help="Plan a campaign: RECORD is the weather of a typical year (EPW, TMY3)."),
+    ] = False,
+    azimuth: Annotated[
+        str | None,
+        typer.Option("--azimuth", help="With --plan: where the outer face looks, such as SW or 225."),
+    ] = None,
+    indoor: Annotated[
+        str | None, typer.Option("--indoor", help='With --plan: temperature of the room, degC, or "unheated".')
+    ] = None,
     length: Annotated[str | None, typer.Option("--length", help='Thickness of the wall: 0.43 (m) or "43 cm".')] = None,
     left: Annotated[str | None, typer.Option("--left", help="The column of the face at x = 0.")] = None,
     right: Annotated[str | None, typer.Option("--right", help="The column of the face at x = length.")] = None,
@@ -163,6 +178,9 @@ def new(
     finished case cannot be used, it says why and asks again. Without a terminal a missing value is an error; a case
     that cannot be used is written all the same, with exit status 2 and what must be edited.
     """
+    if plan:
+        _new_plan(record, length, outside, azimuth, indoor, conductivity, prior, to, force, quiet)
+        return
     columns = {
         "flux_left": flux_left, "flux_right": flux_right, "irradiance": irradiance, "air_outdoor": air_outdoor,
         "air_indoor": air_indoor,
@@ -187,6 +205,35 @@ def new(
     if not quiet:
         wrote = f"wrote        {case.path}; now `wallid check {case.path}`, then `wallid run {case.path}`"
         print_output(f"{case}\n\n{wrote}")
+
+
+def _new_plan(
+    weather: Path,
+    length: str | None,
+    outside: str | None,
+    azimuth: str | None,
+    indoor: str | None,
+    conductivity: float | None,
+    prior: float,
+    to: Path | None,
+    force: bool,
+    quiet: bool,
+) -> None:
+    """Write a case file for a campaign that is to be planned."""
+    try:
+        answers = PlanAnswers(
+            length=None if length is None else parse_length("--length", length),
+            outside=outside or "left",
+            azimuth=None if azimuth is None else parse_azimuth(azimuth),
+            indoor=None if indoor is None else parse_indoor(indoor),
+            conductivity=conductivity,
+            prior=prior,
+        )
+        campaign = new_plan(weather, answers, to=to, force=force, ask=_ask if _is_terminal() else None)
+    except InputError as error:
+        exit_with_error(error)
+    if not quiet:
+        print_output(f"wrote        {campaign.path}; now `wallid plan {campaign.path}`")
 
 
 def _is_terminal() -> bool:
@@ -221,6 +268,19 @@ def check(
     It takes a second or two. Exit status 1: a run is impossible.
     """
     run_command(case, None, ("check",), out, json, quiet, formats)
+
+
+@app.command()
+def plan(
+    case: CaseArgument, out: Out = DEFAULT_OUT, json: Json = False, quiet: Quiet = False, formats: Formats = "png"
+) -> None:
+    """Plan a campaign before there is a record: sensors, plates, columns, days and season.
+
+    The case has `[wall]` and `[plan]`, with the weather of a typical year (EPW or TMY3). Of each campaign the interval
+    of the diffusivity (and with plates of R, U and the heat capacity) is expected, over the diffusivities that the
+    wall may have. It takes about a minute. Exit status 1: the record would more likely than not say nothing.
+    """
+    run_plan(case, out, json, quiet, formats)
 
 
 @app.command()

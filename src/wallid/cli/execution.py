@@ -19,7 +19,7 @@ from .._internal.number_formats import terminal_text
 from .._internal.validation import error_context
 from .._internal.xla_options import prepare_xla
 from ..case.case_definition import Case
-from ..case.case_file import load
+from ..case.case_file import load, load_campaign
 from ..case.time_window import Window, check_unbroken, window_rows
 from .output import print_message, print_output
 from .progress import progress_display
@@ -87,6 +87,49 @@ def run_command(
         _print_summary(result, name, written)
     if result.unreliable_reason:
         raise typer.Exit(1)
+
+
+def run_plan(name: str, out: Path, json: bool, quiet: bool, formats: str) -> None:
+    """Load a planned campaign, plan it, write the files and print a summary.
+
+    Args:
+        name: of the case, as the user stated it.
+        out, json, quiet, formats: the options with these names.
+
+    Raises:
+        typer.Exit: status 1 if the record would more likely than not be uninformative, 2 for invalid input.
+    """
+    from ..discrepancy.next_measurement.plan_with_columns import plan
+    from ..report import writer as report
+
+    try:
+        figure_formats = report.parse_formats(formats)
+        with progress_display(quiet or json) as display:
+            display.step("reading the case", 0.0)
+            _configure_process()
+            campaign = load_campaign(name)
+            report.check_output_folder(out)
+            start = clock.perf_counter()
+            result = plan(campaign, progress=lambda text, share: display.step(text, 0.05 + 0.85 * share))
+            days = f"{result.days:g} days, sensors at {', '.join(f'{x:.3g} m' for x in result.positions) or 'no place'}"
+            display.line(stage_line("plan", days, clock.perf_counter() - start))
+            display.step("figures", 0.9)
+            start = clock.perf_counter()
+            written = report.write_plan(result, out, shlex.join(["wallid", *sys.argv[1:]]), formats=figure_formats)
+            display.line(stage_line("report", f"{len(written)} files", clock.perf_counter() - start))
+    except InputError as error:
+        exit_with_error(error)
+    if json:
+        print_output((out / "result.json").read_text("utf-8"), end="")
+    elif not quiet:
+        text = terminal_text(str(result), sys.stdout.encoding)
+        names = ", ".join(path.name for path in written)
+        print_output(f"{text}\n\nwrote        {names} to {written[0].parent}")
+    if result.uninformative > _LIKELY:
+        raise typer.Exit(1)
+
+
+_LIKELY = 0.5  # chance of an uninformative record from which a plan has status 1
 
 
 def _print_summary(result: workflow.Run, name: str, written: list[Path]) -> None:

@@ -2,7 +2,19 @@
 
 from .diagnosis_result import Diagnosis
 from .effect_results import NamedEffect, RankedEffect, Trial
+from .next_measurement.actions import Action, Prescription
+from .next_measurement.plan_with_columns import plan
 from .problem import diagnosis_problem
 from .search_for_effects import diagnose
 
-__all__ = ["Diagnosis", "NamedEffect", "RankedEffect", "Trial", "diagnose", "diagnosis_problem"]
+__all__ = [
+    "Action",
+    "Diagnosis",
+    "NamedEffect",
+    "Prescription",
+    "RankedEffect",
+    "Trial",
+    "diagnose",
+    "diagnosis_problem",
+    "plan",
+]

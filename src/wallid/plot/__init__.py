@@ -12,6 +12,7 @@ a matplotlib context, `STYLE` the same as a dictionary for `plt.style.use`.
 from __future__ import annotations
 
 from .average_method import average_resistance
+from .campaign_plan import interval_by_accuracy, interval_by_days, interval_by_start
 from .estimate_window import convergence, initial_profile, measured_against_simulated, reading_interval, residual
 from .experiment_design import criterion, sampling_steps, sensor_placement, window_lengths
 from .heat_flux import flux_density, flux_interval, flux_residual, measured_flux
@@ -85,6 +86,9 @@ __all__ = [
     "hourly_residual",
     "initial_profile",
     "inner_face_flux",
+    "interval_by_accuracy",
+    "interval_by_days",
+    "interval_by_start",
     "last_week",
     "measured_against_simulated",
     "measured_flux",

@@ -67,8 +67,8 @@ class WeatherYear:
         total = get_total_irradiance(
             tilt,
             azimuth,
-            sun["apparent_zenith"].to_numpy(),
-            sun["azimuth"].to_numpy(),
+            np.asarray(sun["apparent_zenith"], float),
+            np.asarray(sun["azimuth"], float),
             self.direct_normal,
             self.global_horizontal,
             self.diffuse_horizontal,

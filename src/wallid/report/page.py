@@ -84,34 +84,38 @@ def render_page(run: Run, result: dict[str, Any], figures: Sequence[DrawnFigure]
     ranked = () if run.diagnosis is None else run.diagnosis.table
     shown = 0 if result["verdict"] == "adequate" else _RANKED_ROWS  # all is chance in an adequate record
     steps = [f"{step[:1].upper()}{step[1:]}".rstrip(".") + "." for step in next_steps(run)]
-    text = _template().render(
-        run=run,
-        case=run.case,
-        diagnosis=run.diagnosis,
-        ranked=ranked[:shown],
-        other_ranked=ranked[shown:],
-        result=result,
-        verdict=result["verdict"],
-        badge=_badge(run, result),
-        headlines=values[:1] if run.case.sensors else _resistance_and_transmittance(result),
-        values=values,
-        other_values=values[1:],
-        relation=format_text(relation_of_diffusivities(run)),
-        sides=_sides(run),
-        implications=[format_text(line) for line in implications(run, _reliable(run, values))],
-        steps=[_with_code(format_text(step)) for step in steps],
-        prescriptions=[]
-        if run.diagnosis is None
-        else [format_text(one.sentence) for one in run.diagnosis.prescriptions],
-        first_figure=_first_figure(run),
-        answer=answer(run, result),
-        figures=_page_figures(run, figures),
-        tables=number_tables(result, values[0][0] if values else ""),
-        settings=settings_tables(run.case),
-        versions=[("Python", platform.python_version()), *((name, version(name)) for name in _PACKAGES)],
-        command=command,
-        date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        untestable=_untestable(run),
+    text = (
+        page_environment()
+        .get_template("report.html")
+        .render(
+            run=run,
+            case=run.case,
+            diagnosis=run.diagnosis,
+            ranked=ranked[:shown],
+            other_ranked=ranked[shown:],
+            result=result,
+            verdict=result["verdict"],
+            badge=_badge(run, result),
+            headlines=values[:1] if run.case.sensors else _resistance_and_transmittance(result),
+            values=values,
+            other_values=values[1:],
+            relation=format_text(relation_of_diffusivities(run)),
+            sides=_sides(run),
+            implications=[format_text(line) for line in implications(run, _reliable(run, values))],
+            steps=[_with_code(format_text(step)) for step in steps],
+            prescriptions=[]
+            if run.diagnosis is None
+            else [format_text(one.sentence) for one in run.diagnosis.prescriptions],
+            first_figure=_first_figure(run),
+            answer=answer(run, result),
+            figures=_page_figures(run, figures),
+            tables=number_tables(result, values[0][0] if values else ""),
+            settings=settings_tables(run.case),
+            versions=[("Python", platform.python_version()), *((name, version(name)) for name in _PACKAGES)],
+            command=command,
+            date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+            untestable=_untestable(run),
+        )
     )
     return visible_text(text)
 
@@ -302,7 +306,8 @@ def _page_figures(run: Run, figures: Sequence[DrawnFigure]) -> list[PageFigure]:
 
 
 @cache
-def _template() -> Any:
+def page_environment() -> Any:
+    """The templates of the pages, with the filters of their numbers."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
@@ -315,4 +320,4 @@ def _template() -> Any:
     environment.filters |= {"prose": format_text, "interval": format_interval}
     environment.filters["value"] = lambda entry: format_quantity(entry | {"interval_95": None})
     environment.filters["percent"] = lambda share: f"{100 * share:+.1f} %".replace("-", "−")
-    return environment.get_template("report.html")
+    return environment

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import os
 import re
 import tempfile
@@ -14,12 +15,13 @@ from typing import Any
 
 from .._internal.errors import InputError
 from .._internal.interrupts import give_up_if_interrupted, signals_held, written
+from ..experiment_design.campaign_plan.plan_result import CampaignPlan
 from ..workflow import Run
-from .result_json import result_entries
+from .result_json import SCHEMA, result_entries
 
 FORMATS = ("png", "svg", "pdf")
 """Formats of figure files."""
-COMMANDS = ("demo", "run", "check", "design", "estimate", "diagnose")
+COMMANDS = ("demo", "run", "check", "design", "estimate", "diagnose", "plan")
 """Commands that write a report; each keeps the report of another command in its folder."""
 _COMMAND = re.compile(rf"wallid (?P<name>{'|'.join(COMMANDS)})\b")
 
@@ -63,23 +65,66 @@ def write_report(run: Run, out: str | Path, command: str = "", formats: Sequence
     Raises:
         InputError: the folder cannot be created or written.
     """
+    with _errors_name_the_folder(Path(out)):
+        return write_files(_contents(run, command, formats), out, command)
+
+
+def write_plan(plan: CampaignPlan, out: str | Path, command: str = "", formats: Sequence[str] = ("png",)) -> list[Path]:
+    """Write result.json, report.html and the figures of a planned campaign into a folder: all of them, or none.
+
+    Args:
+        plan: with its results.
+        out, command, formats: as in `write_report`.
+
+    Returns:
+        Paths of the files.
+
+    Raises:
+        InputError: the folder cannot be created or written.
+    """
+    from .plan_page import plan_figures, render_plan_page
+    from .svg import draw_figure
+
+    drawn = [draw_figure(stem, figure, formats) for stem, figure in plan_figures(plan)]
+    files = {f"{one.stem}.{kind}": content for one in drawn for kind, content in one.files.items()}
+    entries: dict[str, Any] = {"schema": SCHEMA, "case": plan.campaign.name, "diffusivity": None, "verdict": None}
+    entries |= {"plan": plan.to_dict()} | ({"command": command} if command else {})
+    entries["files"] = [*files, "report.html", "result.json"]
+    files["report.html"] = render_plan_page(plan, drawn, command).encode()
+    files["result.json"] = (_as_json(_finite(entries)) + "\n").encode()
+    return write_files(files, out, command)
+
+
+def _finite(value: Any) -> Any:
+    """A value of result.json with null in the place of each number that is not finite."""
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def write_files(files: dict[str, bytes], out: str | Path, command: str) -> list[Path]:
+    """Write the files of a command into a folder: all of them, or none; those of another command are kept.
+
+    Raises:
+        InputError: the folder cannot be created or written.
+    """
     out, own_name = Path(out), _command_name(command)
-    with _errors_name_the_folder(out):
-        files = _contents(run, command, formats)
-        with signals_held(), _work_folder(out) as folder:
-            others = _files_of_others(out, own_name)
-            files |= _other_reports(out, files, own_name)
-            for name, content in files.items():
-                (folder / name).write_bytes(content)
-            give_up_if_interrupted()
-            for name in _replaced(out, files, others):
-                os.replace(out / name, out / _renamed(name, _earlier_command(out)))
-            stale = _own_files(out, own_name) - set(files) - others
-            for name in files:
-                os.replace(folder / name, out / name)
-            for name in stale:
-                (out / name).unlink(missing_ok=True)
-            written(f"all files were written to {out}")
+    with _errors_name_the_folder(out), signals_held(), _work_folder(out) as folder:
+        others = _files_of_others(out, own_name)
+        files |= _other_reports(out, files, own_name)
+        for name, content in files.items():
+            (folder / name).write_bytes(content)
+        give_up_if_interrupted()
+        for name in _replaced(out, files, others):
+            os.replace(out / name, out / _renamed(name, _earlier_command(out)))
+        stale = _own_files(out, own_name) - set(files) - others
+        for name in files:
+            os.replace(folder / name, out / name)
+        for name in stale:
+            (out / name).unlink(missing_ok=True)
+        written(f"all files were written to {out}")
     return [out / name for name in files]
 
 

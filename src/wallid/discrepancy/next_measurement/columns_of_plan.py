@@ -55,6 +55,8 @@ def _reason(scores: CandidateScores, column: str) -> str:
     for effect in problem.library:
         if column not in effect.effect.required_regressors() or effect not in scores.by_effect:
             continue
+        if effect.effect.target == problem.case.wall.inside:  # irradiance is that on the outer face
+            continue
         seen, shift = _at_typical_size(scores, effect)
         label, size = problem.label(effect.effect), effect.effect.parameters[0]
         text = f"{label} of {size.scale:g} {size.unit}".strip()

@@ -121,8 +121,8 @@ def _like(sensor: Sensor, own: Sensor) -> Sensor:
 
 def _errors_of(matrix: Float[np.ndarray, "param param"], conductivity: int | None) -> RelativeErrors:
     """The standard errors from an information matrix, whose first parameter is ln(alpha)."""
-    columns = [0] if conductivity is None else [0, conductivity]
-    others = np.setdiff1d(np.arange(len(matrix)), columns)
+    columns = np.array([0] if conductivity is None else [0, conductivity])
+    others = np.flatnonzero(~np.isin(np.arange(len(matrix)), columns))
     cross, block = matrix[np.ix_(columns, others)], matrix[np.ix_(others, others)]
     information = matrix[np.ix_(columns, columns)] - cross @ scipy.linalg.solve(block, cross.T, assume_a="pos")
     if conductivity is None:

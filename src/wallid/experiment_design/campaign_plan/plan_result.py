@@ -12,8 +12,8 @@ from jaxtyping import Float
 from ..._internal.html import html_table
 from ..._internal.number_formats import value_and_std
 from ..._internal.result_object import ResultObject, plain_value
-from ...case.campaign_settings import Campaign
 from ...case.case_definition import Case
+from ...case.planned_campaign import PlannedCampaign
 from ...case.time_window import Window
 from ...models.wall_parameters import R_INSIDE, R_OUTSIDE
 from .expected_intervals import RelativeErrors, chance_of_uninformative, half_width
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _WORTH_TELLING = 1.2  # ratio of two intervals from which a season or an accuracy is mentioned
+_FEWEST = 3.0  # days, since no day is like another
 _TOLERATED = 1.1  # ratio to the narrowest interval that an accuracy may cost
 
 
@@ -52,7 +53,8 @@ class Curve:
             ratio: of its interval to that of the longest campaign, at most; or
             fine: a standard error of ln(diffusivity) that needs not be smaller.
         """
-        return self.days[int(np.argmax(self.median <= max(ratio * self.median[-1], fine)))]
+        enough = (self.median <= max(ratio * self.median[-1], fine)) & (np.array(self.days) >= _FEWEST)
+        return self.days[int(np.argmax(enough))] if enough.any() else self.days[-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,7 @@ class CampaignPlan(ResultObject):
         average_method_days: days after which ISO 9869-1 would let a measurement end, by plate; None where not at all.
     """
 
-    campaign: Campaign = field(repr=False)
+    campaign: PlannedCampaign = field(repr=False)
     positions: tuple[float, ...]
     plates: tuple[str, ...]
     step: float
@@ -230,7 +232,7 @@ class CampaignPlan(ResultObject):
             f"{days:g} d +-{100 * half_width(error):.2g} %"
             for days, error in zip(curve.days, curve.median, strict=True)
         )
-        return f"{curve.sensors} sensor(s): {points}"
+        return f"{counted(curve.sensors, 'sensor')}: {points}"
 
     @property
     def season_sentence(self) -> str:
@@ -250,12 +252,13 @@ class CampaignPlan(ResultObject):
         texts = []
         for one in self.tolerances:
             words, unit = units[one.name]
-            shown = value_and_std(one.allowed, 0.0, unit)
-            worst = one.errors[-1] / one.errors.min()
+            worst, coarsest = one.errors[-1] / one.errors.min(), value_and_std(one.values[-1], 0.0, unit)
+            if worst <= _TOLERATED:
+                texts.append(f"{words} {coarsest} are accurate enough: the record determines them")
+                continue
             texts.append(
-                f"{words} {shown} (one standard deviation) widen the interval by less than "
-                f"{100 * (_TOLERATED - 1):.0f} %; "
-                f"{value_and_std(one.values[-1], 0.0, unit)} would make it {worst:.1f} times as wide"
+                f"{words} {value_and_std(one.allowed, 0.0, unit)} (one standard deviation) widen the interval by less "
+                f"than {100 * (_TOLERATED - 1):.0f} %; {coarsest} would make it {worst:.1f} times as wide"
             )
         return tuple(texts)
 
@@ -278,3 +281,8 @@ def date_of(day: int) -> str:
     """A day of the year as text, such as "3 February"."""
     date = datetime.date(2023, 1, 1) + datetime.timedelta(days=day - 1)
     return f"{date.day} {date:%B}"
+
+
+def counted(number: int, noun: str) -> str:
+    """A number with its noun: "1 sensor", "2 sensors", "no plate"."""
+    return f"{number or 'no'} {noun}{'s' if number > 1 else ''}"

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..._internal.progress import Progress, shown_progress
+from ..._internal.progress import Progress
 from ..._internal.units import DAY
-from ...case.campaign_settings import Campaign
+from ...case.planned_campaign import PlannedCampaign
 from ...case.time_window import Window
 from ...records.weather_year import HOURS, read_weather_year
 from .expected_intervals import Instruments, RelativeErrors, TypicalYear
@@ -37,7 +37,7 @@ class PlanSearch:
         report: of the progress.
     """
 
-    def __init__(self, campaign: Campaign, report: Progress):
+    def __init__(self, campaign: PlannedCampaign, report: Progress):
         self.campaign, self.wall = campaign, campaign.wall
         self.report, self.days = report, campaign.settings.days
         self.weather = read_weather_year(campaign.weather_file)
@@ -89,7 +89,7 @@ class PlanSearch:
         return Curve(len(instruments.sensors), tuple(lengths), np.array(errors))
 
 
-def plan_campaign(campaign: Campaign, *, progress: Progress | None = None) -> CampaignPlan:
+def plan_campaign(campaign: PlannedCampaign, report: Progress) -> CampaignPlan:
     """How to instrument a wall before there is a record.
 
     The wall is put into the weather of a typical year. Of each campaign the interval of an estimate is expected from
@@ -98,8 +98,7 @@ def plan_campaign(campaign: Campaign, *, progress: Progress | None = None) -> Ca
 
     Args:
         campaign: from `wallid.load_campaign`.
-        progress: called as `progress(text, share)` with the step that begins and the completed share, 0 to 1;
-            None for a bar in a notebook, and nothing elsewhere.
+        report: called as `report(text, share)` with the step that begins and the completed share, 0 to 1.
 
     Returns:
         sensors, plates, sampling step, days and first day, each with what it would give.
@@ -107,19 +106,18 @@ def plan_campaign(campaign: Campaign, *, progress: Progress | None = None) -> Ca
     Raises:
         InputError: the weather file cannot be read.
     """
-    with shown_progress(progress) as report:
-        report("plan: reading the weather", 0.0)
-        search = PlanSearch(campaign, report)
-        sets = search.places()
-        report("plan: choosing the first day and the length", 0.6)
-        start = search.best_start(search.days, sets[-1])
-        curves = [search.curve(start, one) for one in sets]
-        longest = np.array([curve.median[-1] for curve in curves])
-        chosen = int(np.argmax(longest <= max(_ENOUGH * longest.min(), _FINE_ENOUGH)))
-        instruments = _with_fewest_plates(search, start, sets[chosen])
-        days = curves[chosen].enough(_ENOUGH, _FINE_ENOUGH)
-        report("plan: comparing seasons", 0.8)
-        return _result(search, instruments, search.best_start(days, instruments), days, curves)
+    report("plan: reading the weather", 0.0)
+    search = PlanSearch(campaign, report)
+    sets = search.places()
+    report("plan: choosing the first day and the length", 0.6)
+    start = search.best_start(search.days, sets[-1])
+    curves = [search.curve(start, one) for one in sets]
+    longest = np.array([curve.median[-1] for curve in curves])
+    chosen = int(np.argmax(longest <= max(_ENOUGH * longest.min(), _FINE_ENOUGH)))
+    instruments = _with_fewest_plates(search, start, sets[chosen])
+    days = curves[chosen].enough(_ENOUGH, _FINE_ENOUGH)
+    report("plan: comparing seasons", 0.8)
+    return _result(search, instruments, search.best_start(days, instruments), days, curves)
 
 
 def _with_fewest_plates(search: PlanSearch, start: int, instruments: Instruments) -> Instruments:

@@ -23,9 +23,9 @@ import scipy
 from jaxtyping import Float
 
 from ..._internal.units import DAY
-from ...case.campaign_settings import UNHEATED, Campaign
 from ...case.case_definition import Case
 from ...case.options import Choices
+from ...case.planned_campaign import UNHEATED, PlannedCampaign
 from ...case.wall_and_sensors import SIDES, Wall
 from ...models.finite_volume_wall import Output, finite_volume_model
 from ...models.flux_plates import FLUX_NOISE_STD
@@ -53,13 +53,13 @@ def conductivity_of(wall: Wall, diffusivity: float) -> float:
     return float(wall.heat_capacity or CAPACITY_OF_MASONRY) * diffusivity
 
 
-def sampling_step(campaign: Campaign) -> float:
+def sampling_step(campaign: PlannedCampaign) -> float:
     """The longest usual step with twenty rows in the wall's slowest time constant, at most an hour, s."""
     constant = (campaign.wall.length / math.pi) ** 2 / campaign.wall.diffusivity_prior
     return max(step for step in _STEPS if step <= max(constant / _ROWS_PER_TIME_CONSTANT, _STEPS[0]))
 
 
-def sol_air_temperature(campaign: Campaign, weather: WeatherYear) -> Float[np.ndarray, " hour"]:
+def sol_air_temperature(campaign: PlannedCampaign, weather: WeatherYear) -> Float[np.ndarray, " hour"]:
     """The sol-air temperature of the outer side, degC."""
     settings = campaign.settings
     sun = weather.irradiance_on(settings.azimuth, settings.tilt, settings.latitude, settings.longitude)
@@ -67,7 +67,7 @@ def sol_air_temperature(campaign: Campaign, weather: WeatherYear) -> Float[np.nd
     return weather.air + R_OUTSIDE * (_ABSORPTANCE * sun - _EMISSIVITY * sky * weather.sky_deficit)
 
 
-def indoor_temperature(campaign: Campaign, weather: WeatherYear) -> Float[np.ndarray, " hour"]:
+def indoor_temperature(campaign: PlannedCampaign, weather: WeatherYear) -> Float[np.ndarray, " hour"]:
     """The temperature of the room, degC."""
     last_days = _mean_of_last_days(weather.air)
     heated = campaign.settings.indoor != UNHEATED
@@ -84,7 +84,11 @@ def _mean_of_last_days(air: Float[np.ndarray, " hour"]) -> Float[np.ndarray, " h
 
 
 def typical_case(
-    campaign: Campaign, weather: WeatherYear, diffusivity: float, positions: Sequence[float], plates: Sequence[str]
+    campaign: PlannedCampaign,
+    weather: WeatherYear,
+    diffusivity: float,
+    positions: Sequence[float],
+    plates: Sequence[str],
 ) -> Case:
     """The case of a typical year, without noise.
 

@@ -80,7 +80,7 @@ class CampaignSettings:
 
 
 @dataclass(frozen=True)
-class Campaign:
+class PlannedCampaign:
     """A campaign that is to be planned.
 
     Args:

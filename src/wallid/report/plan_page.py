@@ -1,0 +1,99 @@
+"""The page of a planned campaign and its figures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+
+from matplotlib.figure import Figure
+
+from .. import plot
+from .._internal.number_formats import format_text
+from .._internal.visible_text import visible_text
+from ..experiment_design.campaign_plan.plan_result import CampaignPlan, counted, date_of
+from .page import page_environment
+from .svg import DrawnFigure, data_uris
+
+_NAMES = {
+    "diffusivity": "diffusivity",
+    "resistance": "thermal resistance R",
+    "transmittance": "U-value",
+    "capacity": "areal heat capacity",
+}
+_CAPTIONS = {
+    "days": "Expected half width of the 95 % interval of the diffusivity against the length of the campaign, for the "
+    "best set of each number of sensors. Bands: over the diffusivities that the wall may have. Days past the dashed "
+    "line buy little.",
+    "season": "The same against the first day, for the planned sensors and days, in a typical year.",
+    "accuracy": "The same against the accuracy of the positions and of the offsets of the sensors inside the wall.",
+    "section": "The wall with the planned sensors and plates.",
+}
+
+
+def plan_figures(plan: CampaignPlan) -> Iterator[tuple[str, Figure]]:
+    """Each figure of a planned campaign with the name of its file."""
+    with plot.style():
+        figure, ax = plot.figure(height=2.4)
+        plot.wall(plan.case, ax=ax)
+        yield "section", figure
+        figure, ax = plot.figure(height=3.6)
+        plot.interval_by_days(plan, ax=ax)
+        yield "days", figure
+        figure, ax = plot.figure(height=3.0)
+        plot.interval_by_start(plan, ax=ax)
+        yield "season", figure
+        if plan.tolerances:
+            figure, axes = plot.figure(1, len(plan.tolerances), height=2.8)
+            for ax, one in zip(axes, plan.tolerances, strict=True):
+                plot.interval_by_accuracy(plan, one.name, ax=ax)
+            yield "accuracy", figure
+
+
+def render_plan_page(plan: CampaignPlan, figures: Sequence[DrawnFigure], command: str = "") -> str:
+    """The page of a planned campaign as HTML.
+
+    Args:
+        plan: the planned campaign.
+        figures: in the order of the page.
+        command: command line that made the page; empty where there was none.
+    """
+    shown = [
+        {"stem": one.stem, "uri": uri, "caption": _CAPTIONS[one.stem], "width": round(96 * one.figure.get_figwidth())}
+        for one, uri in zip(figures, data_uris(figures), strict=True)
+    ]
+    text = (
+        page_environment()
+        .get_template("plan.html")
+        .render(
+            plan=plan,
+            campaign=plan.campaign,
+            first=date_of(plan.start),
+            expected=[(_NAMES[name], f"± {100 * value:.2g} %") for name, value in plan.expected.items()],
+            steps=[format_text(step) for step in plan_steps(plan)],
+            summary=format_text(str(plan)),
+            badge=f"{counted(len(plan.positions), 'sensor')}, {counted(len(plan.plates), 'plate')}",
+            season=format_text(f"{plan.season_sentence[:1].upper()}{plan.season_sentence[1:]}."),
+            figures=shown,
+            command=command,
+            date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+            wallid=version("wallid"),
+        )
+    )
+    return visible_text(text)
+
+
+def plan_steps(plan: CampaignPlan) -> list[str]:
+    """What to do, in the order of the work."""
+    steps = []
+    if plan.positions:
+        places = ", ".join(f"{100 * position:.3g} cm" for position in plan.positions)
+        steps.append(
+            f"Put {counted(len(plan.positions), 'temperature sensor')} into the wall, {places} from the left face."
+        )
+    steps.append("Put a temperature sensor on each face.")
+    steps += [f"Put a heat flux plate on the {face} face." for face in plan.plates]
+    steps += [f"Log {name.replace('_', ' ')}: {reason}." for name, reason in plan.columns.items()]
+    steps.append(f"Log a row every {plan.step:g} s for {plan.days:g} days, from about {date_of(plan.start)} on.")
+    steps += [f"{text[:1].upper()}{text[1:]}." for text in plan.accuracy_sentences]
+    return steps
