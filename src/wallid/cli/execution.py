@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 from .. import workflow
 from .._internal.errors import InputError
 from .._internal.number_formats import terminal_text
+from .._internal.progress import part_of
 from .._internal.validation import error_context
 from .._internal.xla_options import prepare_xla
 from ..case.case_definition import Case
@@ -110,7 +111,7 @@ def run_plan(name: str, out: Path, json: bool, quiet: bool, formats: str) -> Non
             campaign = load_campaign(name)
             report.check_output_folder(out)
             start = clock.perf_counter()
-            result = plan(campaign, progress=lambda text, share: display.step(text, 0.05 + 0.85 * share))
+            result = plan(campaign, progress=part_of(display.step, 0.05, 0.9))
             days = f"{result.days:g} days, sensors at {', '.join(f'{x:.3g} m' for x in result.positions) or 'no place'}"
             display.line(stage_line("plan", days, clock.perf_counter() - start))
             display.step("figures", 0.9)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from ..._internal.progress import Progress, shown_progress
+from ..._internal.progress import Progress, part_of, shown_progress
 from ..._internal.units import DAY
 from ...case.planned_campaign import PlannedCampaign
 from ...estimation.iso_9869 import MIN_DAYS, average_method
@@ -41,7 +41,7 @@ def plan(campaign: PlannedCampaign, *, progress: Progress | None = None) -> Camp
         >>> print(found.positions, found.days, found.expected["diffusivity"])
     """
     with shown_progress(progress) as report:
-        found = plan_campaign(campaign, report=lambda text, share: report(text, 0.6 * share))
+        found = plan_campaign(campaign, part_of(report, 0.0, 0.6))
         report("plan: the columns to log", 0.6)
         weather, settings = read_weather_year(campaign.weather_file), campaign.settings
         logged = {
