@@ -16,7 +16,7 @@ from ...case.wall_and_sensors import Sensor
 from ...experiment_design.fisher_information import typical_sensor
 from ...inference.noise_covariance import BinnedReadings
 from ...inference.noise_of_record import noise_shape_of_record
-from ...inference.nuisance_parameters import SensorOffsets, SensorPositions
+from ...inference.nuisance_parameters import FacePositions, SensorOffsets, SensorPositions
 from ...inference.parameters import Parameters, kind_of, target_of
 from ..effect_fit import EffectFit
 from ..model_with_effects import face_impulse_response, linearise
@@ -66,8 +66,9 @@ def added_sensors(
     for first in range(0, len(positions), size):
         some = positions[first : first + size]
         parameters = [_moved(fit.parameters, problem.case.sensors, some) for fit in fits]
-        response = face_impulse_response(problem.model, parameters[0])
-        present = face_impulse_response(problem.model, fits[0].parameters)
+        # as in `DiagnosisProblem.noise_shape`, at the stated positions
+        response = face_impulse_response(problem.model, _with_stated_faces(parameters[0]))
+        present = face_impulse_response(problem.model, _with_stated_faces(fits[0].parameters, SensorPositions.kind))
         predictions = [_Prediction.of(fit, at) for fit, at in zip(fits, parameters, strict=True)]
         for slot, position in enumerate(some):
             sensor = another_sensor(problem, position)
@@ -87,6 +88,11 @@ def _moved(parameters: Parameters, sensors: Sequence[Sensor], positions: Sequenc
         for sensor, position in zip(sensors, positions, strict=False)
     }
     return parameters.with_values(dict.fromkeys(own, 0.0) | moves)
+
+
+def _with_stated_faces(parameters: Parameters, *kinds: str) -> Parameters:
+    """The parameters without position errors of the faces' sensors, and of some further kinds."""
+    return parameters.with_values(dict.fromkeys(parameters.of_kind(FacePositions.kind, *kinds), 0.0))
 
 
 def _is_of_a_sensor(name: str) -> bool:

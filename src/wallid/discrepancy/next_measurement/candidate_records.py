@@ -148,13 +148,24 @@ class RecordWithSensor(CandidateRecord):
 
     @cached_property
     def problem(self) -> DiagnosisProblem:
-        """The present record with one more column, which has readings where a present sensor has them."""
-        case = self.present.problem.case
+        """The present record with one more column, which has readings where a present sensor has them.
+
+        The readings themselves are not used: the initial profile and the mean temperature stay those of the present
+        record.
+        """
+        present = self.present.problem
+        case = present.case
         record = case.record
         columns = np.column_stack([record.sensors, record.sensors[:, self.added.like]])
         names = (*record.names, self.added.sensor.name)
         record = replace(record, sensors=columns, names=names)
-        return diagnosis_problem(replace(case, record=record, sensors=(*case.sensors, self.added.sensor)))
+        problem = diagnosis_problem(replace(case, record=record, sensors=(*case.sensors, self.added.sensor)))
+        forcing = replace(
+            problem.model.forcing,
+            initial=present.model.forcing.initial,
+            reference=present.model.forcing.reference,
+        )
+        return replace(problem, model=replace(problem.model, forcing=forcing))
 
 
 class _ChangedRecord(CandidateRecord):

@@ -46,10 +46,11 @@ class ConfusableSet:
 
     @cached_property
     def relative_stds(self) -> np.ndarray:
-        """Standard deviation of each effect's size over the size, `(effect,)`."""
+        """Standard deviation of each effect's size over the size, at most 1, `(effect,)`."""
         sizes = [effect.names[0] for effect in self.effects]
         pairs = zip(self.present.fits, sizes, strict=False)
-        return np.array([fit.std(size) / max(abs(float(fit.parameters[size])), 1e-300) for fit, size in pairs])
+        values = [(fit.std(size), abs(float(fit.parameters[size]))) for fit, size in pairs]
+        return np.array([min(std / size, 1.0) if size > 0 else 1.0 for std, size in values])
 
     def separations(self, candidate: CandidateRecord) -> tuple[Separation, ...]:
         """How the others fall behind each of the effects where it is the true one, by the derivatives."""

@@ -1,0 +1,191 @@
+"""What to measure next: added sensors against a case that has them, changed faces, and the search."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+from benchmarks.reference.simulator_with_effects import Hidden, Spec, write_case
+
+import wallid
+from wallid.discrepancy.candidate_fits import CandidateFits
+from wallid.discrepancy.effect_fit import linearised_at, refit
+from wallid.discrepancy.next_measurement import changed_faces
+from wallid.discrepancy.next_measurement.actions import Action, Prescription, best_actions
+from wallid.discrepancy.next_measurement.added_sensor import added_sensors
+from wallid.discrepancy.next_measurement.candidate_records import LongerRecord, PresentRecord, RecordWithSensor
+from wallid.discrepancy.next_measurement.confusable_sets import confusable_sets, explanation_of
+from wallid.discrepancy.next_measurement.informative_records import open_diffusivities
+from wallid.discrepancy.next_measurement.refits import refitted_separations
+from wallid.discrepancy.next_measurement.search import what_to_measure
+from wallid.discrepancy.next_measurement.unlogged_columns import typical_courses, unlogged_columns
+from wallid.discrepancy.problem import diagnosis_problem
+
+SPEC = Spec(
+    length=0.4,
+    diffusivity=8e-7,
+    positions=(0.1, 0.3),
+    step=3600.0,
+    days=8.0,
+    weather_seed=11,
+    noise_std=0.05,
+    boundary_noise_std=0.05,
+    noise_seed=5,
+    position_std=0.002,
+    offset_std=0.05,
+    effects=(Hidden("surface_film", "left", {"film_length": 0.05}),),
+)
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """A diagnosis with a film, as if the depth of the face's sensor explained the record as well."""
+    folder = tmp_path_factory.mktemp("case")
+    write_case(SPEC, folder)
+    diagnosis = wallid.diagnose(wallid.load(folder))
+    named = diagnosis.effects[0]
+    (depth,) = [
+        one for one in diagnosis.problem.library if diagnosis.problem.label(one.effect) == "depth of the left face"
+    ]
+    start = diagnosis.after.parameters.with_values({named.effect_parameters.names[0]: 0.0})
+    other = refit(diagnosis.problem, (depth,), start, diagnosis.after.noise)
+    doubted = replace(named, alternatives=(depth,), exchanged=(other,))
+    return replace(diagnosis, effects=(doubted,), rivals=(other,))
+
+
+def test_an_added_sensor_reads_what_a_case_with_it_predicts(found):
+    (confusable,) = confusable_sets(found)
+    (added,) = added_sensors(confusable.present.fits, confusable.present.explanations, [0.22])
+    record = RecordWithSensor(confusable.present, added)
+    problem, fit = record.problem, confusable.present.fits[0]
+    assert [sensor.name for sensor in problem.case.sensors][:2] == ["T1", "T2"] and len(problem.case.sensors) == 3
+    values = {name: float(fit.parameters[name]) for name in fit.parameters.names}
+    active = tuple(one for one in problem.library if one.names == fit.active[0].names)
+    shape = problem.noise_shape(problem.parameters.with_values(values))
+    noise = shape.covariance_of(fit.noise.white, fit.noise.autocorrelated, fit.noise.correlation)
+    exact = explanation_of(linearised_at(problem, active, problem.parameters.with_values(values), noise))
+    mine = added.explanations[0]
+    assert np.allclose(mine.predicted, exact.predicted, atol=1e-6)
+    sums = [one.jacobian @ np.ones(one.jacobian.shape[1]) for one in (mine, exact)]
+    assert np.allclose(*sums, rtol=1e-5, atol=1e-6)
+    assert sorted(mine.prior_std) == pytest.approx(sorted(exact.prior_std))
+    assert np.allclose(added.whitening, noise.whitening, rtol=1e-4, atol=1e-6)
+
+
+def test_the_warming_of_a_heated_face_is_that_of_a_half_space():
+    """Against finite differences of a thick wall by SciPy."""
+    conductivity, diffusivity, cells, width = 0.9, 6e-7, 300, 0.005
+    film = changed_faces._INDOOR_FILM
+
+    def rate(_, T):
+        flux = np.concatenate([[0.0], -conductivity * np.diff(T) / width, [0.0]])
+        surface = T[0] + (changed_faces.HEATING_POWER - film * T[0]) / (film + 2 * conductivity / width)
+        flux[0] = changed_faces.HEATING_POWER - film * surface
+        return -np.diff(flux) / (width * conductivity / diffusivity)
+
+    hours = np.array([0.5, 2.0, 6.0, 12.0])
+    solved = scipy.integrate.solve_ivp(
+        rate, (0, 12 * 3600), np.zeros(cells), method="BDF", t_eval=3600 * hours, rtol=1e-8
+    )
+    first = solved.y[0]
+    surface = first + (changed_faces.HEATING_POWER - film * first) / (film + 2 * conductivity / width)
+    assert changed_faces._warming(3600 * hours, conductivity, diffusivity) == pytest.approx(surface, rel=0.01)
+    assert changed_faces._warming(np.array([-5.0, 0.0]), conductivity, diffusivity) == pytest.approx([0.0, 0.0])
+
+
+def test_shade_and_heat_change_the_faces_alone(found):
+    problem = found.problem
+    shaded, heated = changed_faces.shaded(problem), changed_faces.heated(problem, 8e-7)
+    half = problem.record.rows // 2
+    sun = problem.record.regressors["irradiance"]
+    assert shaded.record.regressors["irradiance"][half:].max() == 0.0
+    assert np.array_equal(shaded.record.regressors["irradiance"][:half], sun[:half])
+    lost = problem.record.faces[:, 0] - shaded.record.faces[:, 0]
+    assert lost[half:] == pytest.approx(changed_faces.SUN_ON_FACE * sun[half:]) and lost[:half].max() == 0.0
+    assert np.array_equal(heated.record.faces[:, 0], problem.record.faces[:, 0])
+    warmer = heated.record.faces[:, 1] - problem.record.faces[:, 1]
+    assert warmer.max() > 3.0 and warmer[: problem.record.rows // 3].max() == 0.0
+    assert np.array_equal(heated.record.sensors, problem.record.sensors)
+
+
+def test_every_action_has_a_probability_and_the_page_of_numbers_its_keys(found):
+    shares = []
+    (prescription,) = what_to_measure(found, shares.append)
+    assert shares == sorted(shares) and shares[0] >= 0.0 and shares[-1] <= 1.0
+    assert 0.0 <= prescription.now <= 1.0 and len(prescription.curve) == 9
+    assert all(0.0 <= chance <= 1.0 for _, chance in prescription.curve)
+    assert {"sensor", "heating", "shade", "longer"} == set(prescription.tried)
+    entries = prescription.to_dict(lambda effect: found.problem.target_name(effect.effect))
+    assert entries["separate"][0] == {"name": "surface_film", "target": "left"}
+    assert {"separate", "now", "actions"} == set(entries)
+    probabilities = [action.probability for action in prescription.actions]
+    assert len(probabilities) <= 5 and all(one >= 0.5 for one in probabilities)
+    for action in entries["actions"]:
+        assert {"kind", "days", "probability", "effort"} <= set(action)
+    costly = what_to_measure(found, shares.append, {"sensor": 100.0, "heating": 100.0, "longer": 100.0, "shade": 100.0})
+    assert costly[0].now == prescription.now
+
+
+def test_refits_confirm_the_derivatives_of_a_repeat(found):
+    """For effects that are nearly linear, the refits give the squared distance of the derivatives."""
+    (confusable,) = confusable_sets(found)
+    repeat = LongerRecord(confusable.present, 1.0)
+    for derivative, exact in zip(confusable.separations(repeat), refitted_separations(confusable, repeat), strict=True):
+        assert exact.excess == pytest.approx(derivative.excess, rel=0.35, abs=1.5)
+
+
+def test_a_longer_record_makes_an_uninformative_one_informative(found):
+    case = found.problem.case
+    strict = replace(case, choices=replace(case.choices, largest_interval_factor=1.0 + 2e-3))
+    unclear = replace(found, problem=replace(found.problem, case=strict))
+    assert unclear.verdict == "uninformative"
+    unknown = open_diffusivities(unclear)
+    chances = [unknown.probability(LongerRecord(unknown.present, length)) for length in (1.0, 4.0, 100.0, 1e4)]
+    assert chances == sorted(chances) and chances[0] < 0.1 and chances[-1] > 0.9
+    (prescription,) = what_to_measure(unclear, lambda share: None)
+    assert prescription.separate == () and prescription.question == "To determine the diffusivity"
+    assert prescription.actions == () and "nothing that was tried" in prescription.sentence
+
+
+def test_a_column_is_worth_logging_where_its_effect_would_be_named(found):
+    record = found.problem.case.record
+    without = {key: values for key, values in record.regressors.items() if key not in ("irradiance", "air_outdoor")}
+    case = replace(found.problem.case, record=replace(record, regressors=without))
+    problem = diagnosis_problem(case)
+    plain = CandidateFits(problem).fit_plain_model()
+    columns = {one.column: one for one in unlogged_columns(replace(found, problem=problem, before=plain))}
+    assert set(columns) == {"irradiance", "air_outdoor"}
+    assert all(0.0 <= one.probability <= 1.0 for one in columns.values())
+    assert {one.effect.name for one in columns["irradiance"].effects} == {"solar_gain"}
+    assert {one.effect.name for one in columns["air_outdoor"].effects} == {"lateral_loss"}
+
+
+def test_typical_courses_are_those_of_a_day(found):
+    courses = typical_courses(found.problem.record, 0)
+    hour = np.arange(found.problem.record.rows) % 24
+    assert courses["irradiance"][hour == 12].mean() > 100.0 and courses["irradiance"][hour == 0].max() == 0.0
+    assert set(np.unique(courses["heating"])) == {0.0, 1.0} and courses["rain"].max() > 0.0
+    assert np.abs(courses["air_outdoor"] - found.problem.record.faces[:, 0]).std() < 2.0
+
+
+def action(kind, probability, effort, **parameters):
+    return Action(kind, parameters, 10.0, effort, probability)
+
+
+def test_the_best_actions_weigh_probability_and_effort():
+    column, sensor = action("column", 0.8, 1.0, column="irradiance"), action("sensor", 0.85, 3.0, position=0.1)
+    sure, weak = action("longer", 0.99, 4.0), action("shade", 0.4, 2.0, face="left")
+    assert best_actions([weak, sensor, column, sure], 0.1) == (sure, column, sensor)
+    assert best_actions([sensor, column], 0.9) == ()
+    best = Prescription((), (), 0.1, (column, sensor), ("column", "sensor"), ((0.1, 0.85),))
+    assert best.sentence.startswith("To determine the diffusivity, log the irradiance on the outer face")
+    assert "put one more temperature sensor 0.1 m from the left face (0.85)" in best.sentence
+    none = replace(best, actions=(), tried=("sensor", "longer"))
+    assert none.step == "" and "a further temperature sensor or a record of up to six times the length" in none.sentence
+
+
+def test_the_present_record_has_its_length_and_noise(found):
+    fits = (found.after,)
+    present = PresentRecord(fits, tuple(explanation_of(fit) for fit in fits))
+    assert present.days == pytest.approx(SPEC.days) and present.whitening is found.after.noise.whitening
+    assert np.allclose(present.explanations[0].predicted, found.problem.binned(found.after.predicted))
