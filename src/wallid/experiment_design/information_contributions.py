@@ -93,6 +93,7 @@ class WindowContributions:
         starts: first rows of the windows. rows: of the record in each window.
         bin_rows: readings averaged in one bin.
         stride: rows of the predicted response between two readings, for faces and sensors alike.
+        known_between_rows: whether the faces are known between the rows, because each row is the mean of finer ones.
         whitening_cache: whitenings already computed.
     """
 
@@ -102,6 +103,7 @@ class WindowContributions:
     rows: int
     bin_rows: int = 1
     stride: int = 1
+    known_between_rows: bool = False
     whitening_cache: dict[tuple, Whitening] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -125,7 +127,7 @@ class WindowContributions:
         """
         record = self.case.record
         variance = np.full(2, record.boundary_noise_std**2)
-        if not self.has_plates:
+        if not self.has_plates and not self.known_between_rows:
             steps_per_row = max(1, (self.predicted.faces.shape[1] - 1) // (self.rows - 1))
             errors = record.face_errors_at(max(1, self.stride // steps_per_row)).autocovariance
             variance += errors[:, 0] + 2.0 * errors[:, 1:].sum(axis=1)

@@ -97,6 +97,8 @@ class TypicalYear:
             none = np.zeros((rows, len(self.case.sensors)), bool)
             plates = contributions.contributions_of_case(start, none, present)[len(self.case.sensors) :]
             indexed += [plates[k] for k in instruments.plates]
+        if not indexed:
+            return RelativeErrors(math.inf, math.inf, math.inf)
         each = [one for _, one in indexed]
         matrix = information_matrix(each, contributions.whitening(indexed))
         return _errors_of(matrix, parameter_columns(each).get((None, LOG_CONDUCTIVITY)))
@@ -105,7 +107,9 @@ class TypicalYear:
         key = (rows, bin_rows)
         if key not in self._contributions:
             predicted = self.predicted.first_rows(rows)
-            self._contributions[key] = WindowContributions(self.case, predicted, self.starts, rows, bin_rows)
+            self._contributions[key] = WindowContributions(
+                self.case, predicted, self.starts, rows, bin_rows, known_between_rows=True
+            )
         return self._contributions[key]
 
 

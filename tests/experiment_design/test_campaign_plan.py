@@ -1,0 +1,243 @@
+"""The plan of a campaign: the typical year against exact solutions, expected errors against simulated estimates."""
+
+import json
+import os
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pvlib
+import pytest
+from typer.testing import CliRunner
+
+import wallid
+from wallid.case.planned_campaign import CampaignSettings
+from wallid.case.wizard_plan import PlanAnswers, new_plan, parse_azimuth, parse_indoor
+from wallid.cli.commands import app
+from wallid.experiment_design.campaign_plan import typical_case as typical
+from wallid.experiment_design.campaign_plan.expected_intervals import (
+    Instruments,
+    TypicalYear,
+    chance_of_uninformative,
+    half_width,
+)
+from wallid.experiment_design.campaign_plan.plan_result import Curve, counted, date_of
+from wallid.records.weather_year import HOURS, WeatherYear, read_weather_year
+
+TMY3 = Path(pvlib.__file__).parent / "data" / "723170TYA.CSV"
+CASE = """
+[wall]
+length = 0.3
+diffusivity_prior = 5e-7
+outside = "left"
+
+[plan]
+weather = "weather.csv"
+azimuth = 180
+sensors = 2
+plates = ["right"]
+days = 14
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plan")
+    shutil.copy(TMY3, path / "weather.csv")
+    (path / "case.toml").write_text(CASE)
+    return path
+
+
+@pytest.fixture(scope="module")
+def found(folder):
+    return wallid.plan(wallid.load_campaign(folder))
+
+
+def constant_weather(air):
+    zeros = np.zeros(HOURS)
+    return WeatherYear(np.broadcast_to(air, HOURS).astype(float), zeros, zeros, zeros, zeros, 50.0, 10.0, 1.0, "none")
+
+
+def test_weather_of_a_tmy3_file():
+    weather = read_weather_year(TMY3)
+    assert weather.latitude == pytest.approx(36.1) and weather.utc_offset == -5
+    south, north = (weather.irradiance_on(azimuth, 90.0).reshape(365, 24) for azimuth in (180.0, 0.0))
+    winter = slice(0, 60)
+    assert south[winter, 12].mean() > 3 * north[winter, 12].mean() and south[:, 0].max() == 0.0
+    east, west = (weather.irradiance_on(azimuth, 90.0).reshape(365, 24) for azimuth in (90.0, 270.0))
+    assert east[:, 8].mean() > 2 * west[:, 8].mean() and west[:, 16].mean() > 2 * east[:, 16].mean()
+    assert np.allclose(weather.irradiance_on(0.0, 0.0), weather.global_horizontal, atol=60.0)  # a horizontal plane
+
+
+def test_files_that_are_no_weather(tmp_path):
+    for name, content, words in (
+        ("none.epw", None, "there is no such file"),
+        ("short.csv", "a,b\n1,2\n", "cannot be read as TMY3"),
+        ("short.epw", "a,b\n1,2\n", "cannot be read as EPW"),
+    ):
+        if content is not None:
+            (tmp_path / name).write_text(content)
+        with pytest.raises(wallid.InputError, match=words):
+            read_weather_year(tmp_path / name)
+
+
+def test_steady_faces_are_those_of_resistances_in_series(folder):
+    campaign = wallid.load_campaign(folder)
+    wall = replace(campaign.wall, conductivity=0.8)
+    campaign = replace(campaign, wall=wall, settings=replace(campaign.settings, indoor=20.0))
+    case = typical.typical_case(campaign, constant_weather(0.0), 5e-7, [0.1], ["left", "right"])
+    resistance = 0.3 / 0.8 + typical.R_INSIDE + typical.R_OUTSIDE
+    flux = 20.0 / resistance
+    days = case.record.faces.reshape(365, 24, 2).mean(axis=1)
+    assert days == pytest.approx(
+        np.tile([flux * typical.R_OUTSIDE, 20.0 - flux * typical.R_INSIDE], (365, 1)), abs=1e-3
+    )
+    for face in ("left", "right"):
+        assert case.record.regressors[f"flux_{face}"].reshape(365, 24).mean(axis=1) == pytest.approx(-flux, abs=1e-2)
+    assert case.record.sensors[:, 0].mean() == pytest.approx(flux * (typical.R_OUTSIDE + 0.1 / 0.8), abs=1e-3)
+
+
+def test_a_daily_cycle_outdoors_is_damped_as_by_the_transmission_matrix(folder):
+    """ISO 13786: films and slab as complex matrices."""
+    campaign = wallid.load_campaign(folder)
+    campaign = replace(campaign, wall=replace(campaign.wall, conductivity=0.8))
+    hours = np.arange(HOURS)
+    weather = constant_weather(10.0 + 8.0 * np.cos(2 * np.pi * hours / 24.0))
+    # the room has a cycle of its own: the difference of two walls' faces is that of the outdoor cycle
+    both = [
+        typical.typical_case(campaign, one, 5e-7, [], ["right"]).record.faces
+        for one in (weather, constant_weather(10.0))
+    ]
+    cycle = (both[0] - both[1])[-240:]
+    omega = 2j * np.pi / 86400.0
+    q = np.sqrt(omega / 5e-7) * 0.3
+    slab = np.array([[np.cosh(q), -0.3 / 0.8 * np.sinh(q) / q], [-0.8 / 0.3 * q * np.sinh(q), np.cosh(q)]])
+    film = [np.array([[1.0, -r], [0.0, 1.0]]) for r in (typical.R_OUTSIDE, typical.R_INSIDE)]
+    whole = film[1] @ slab @ film[0]
+    flux = -whole[0, 0] / whole[0, 1]  # at the outdoor air, with the indoor air constant
+    surfaces = np.stack([film[0] @ [1.0, flux], slab @ film[0] @ [1.0, flux]])[:, 0]
+    amplitude = np.exp(-2j * np.pi * hours[-240:] / 24.0) @ cycle * 2 / 240
+    assert amplitude == pytest.approx(8.0 * surfaces, rel=0.02)
+
+
+def test_expected_errors_are_those_of_simulated_estimates(folder):
+    """The scatter of estimates from simulated records, over their expected standard error."""
+    campaign = wallid.load_campaign(folder)
+    sensor = replace(campaign.sensor, position_std=0.001, offset_std=0.0)
+    campaign = replace(campaign, sensor=sensor)
+    weather = read_weather_year(TMY3)
+    case = typical.typical_case(campaign, weather, 5e-7, [0.1, 0.2], [])
+    start, days = 24 * 30, 4
+    expected = TypicalYear(case, [start], days).errors(0, days, Instruments((0, 1))).diffusivity
+    rng, scores = np.random.default_rng(1), []
+    true = np.array([0.1, 0.2]) + 0.001 * rng.standard_normal((16, 2))
+    exact = typical.typical_case(campaign, weather, 5e-7, true.ravel().tolist(), []).record.window(start, 24 * days)
+    record, noise = case.record.window(start, 24 * days), case.sensors[0].noise_std
+    for k in range(len(true)):
+        faces = exact.faces + noise * rng.standard_normal(exact.faces.shape)
+        sensors = exact.sensors[:, 2 * k : 2 * k + 2] + noise * rng.standard_normal((24 * days, 2))
+        choices = replace(case.choices, window_days=float(days))
+        measured = replace(case, record=replace(record, faces=faces, sensors=sensors), choices=choices)
+        fit = wallid.estimate(measured, wallid.Window(0, 24 * days))
+        scores.append(np.log(fit.value / 5e-7) / expected)
+    assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.5  # 16 draws: 99 %
+
+
+def test_less_noise_longer_and_more_sensors_give_smaller_errors(found):
+    campaign = found.campaign
+    case = typical.typical_case(campaign, read_weather_year(TMY3), 5e-7, [0.06, 0.15], ["right"])
+    year = TypicalYear(case, [0, 24 * 90], 10.0)
+    everything = Instruments((0, 1), (0,))
+    assert year.errors(0, 10.0, everything).diffusivity <= year.errors(0, 5.0, everything).diffusivity
+    alone = year.errors(0, 10.0, Instruments((0,)))
+    assert year.errors(0, 10.0, everything).diffusivity <= alone.diffusivity
+    assert alone.resistance == np.inf  # temperatures alone do not determine it
+    precise = replace(case.sensors[0], noise_std=1e-3, position_std=0.0, offset_std=0.0)
+    assert year.errors(0, 10.0, Instruments((0,)), precise).diffusivity < alone.diffusivity
+    assert year.errors(0, 10.0, Instruments()).diffusivity == np.inf
+
+
+def test_a_plan_says_how_to_instrument_the_wall(found):
+    assert len(found.positions) + len(found.plates) > 0 and found.plates == ("right",)
+    assert all(0 < position < 0.3 for position in found.positions)
+    assert 1 <= found.start <= 365 and 3 <= found.days <= 14 and found.uninformative < 0.05
+    assert set(found.expected) == {"diffusivity", "resistance", "transmittance", "capacity"}
+    assert 0 < found.expected["transmittance"] < found.expected["resistance"]
+    assert found.season.median.min() <= found.season.median[found.season.days.index(found.start)] * (1 + 1e-12)
+    assert found.season_ratio >= 1.0 and "interval" in found.season_sentence
+    widths = [curve.median[-1] for curve in found.curves]
+    assert [curve.sensors for curve in found.curves] == [0, 1, 2] and widths == sorted(widths, reverse=True)
+    entries = found.to_dict()
+    assert {"sensors", "plates", "columns", "step", "days", "start", "expected", "uninformative"} <= set(entries)
+    assert json.loads(json.dumps(entries))["sensors"] == [{"position": one} for one in found.positions]
+    assert "irradiance" not in found.columns or "solar gain of the left face" in found.columns["irradiance"]
+    assert found.average_method_days.keys() == {"right"}
+    text = found.summary()
+    assert date_of(found.start) in text and "ISO 9869-1" in text and "+-" in text
+    assert len(found.to_frame()) == sum(len(curve.days) for curve in found.curves)
+    assert "<table>" in found._repr_html_()
+
+
+def test_words_of_a_plan():
+    assert (counted(0, "plate"), counted(1, "sensor"), counted(3, "sensor")) == ("no plate", "1 sensor", "3 sensors")
+    assert (date_of(1), date_of(60), date_of(365)) == ("1 January", "1 March", "31 December")
+    curve = Curve(1, (1.0, 3.0, 7.0, 30.0), np.array([[0.3], [0.1], [0.021], [0.02]]))
+    assert curve.enough(1.1, 0.0) == 7.0 and curve.enough(1.1, 0.2) == 3.0 and curve.enough(1.0, 0.0) == 30.0
+    assert half_width(np.inf) == np.inf and half_width(0.1) == pytest.approx(np.expm1(0.196))
+    assert chance_of_uninformative([0.01, 0.02], 3.0) < 1e-6 < 0.999 < chance_of_uninformative([2.0, np.inf], 3.0)
+
+
+def test_settings_that_cannot_be(folder):
+    good = {"weather": "a.epw", "azimuth": 180.0}
+    wrongs = {"azimuth": 400.0, "tilt": -1.0, "sensors": 0, "plates": "top", "days": 0.1, "uncertainty": 1.0}
+    wrongs |= {"latitude": 100.0, "indoor": "warm"}
+    for key, value in wrongs.items():
+        wrong = {key: value}
+        with pytest.raises(wallid.InputError, match=next(iter(wrong))):
+            CampaignSettings(**(good | wrong))
+    assert CampaignSettings(**good, plates="left", sensors=0).plates == ("left",)
+
+
+def test_other_commands_say_that_a_record_is_needed(folder):
+    for command in ("run", "diagnose", "check"):
+        result = CliRunner().invoke(app, [command, str(folder)])
+        assert result.exit_code == 2 and "wallid plan" in result.output
+    result = CliRunner().invoke(app, ["plan", "saint_julien"])
+    assert result.exit_code == 2 and "has no [plan]" in result.output
+
+
+def test_a_new_plan_by_questions(tmp_path):
+    shutil.copy(TMY3, tmp_path / "weather.csv")
+    asked = []
+
+    def ask(question, default, parse):
+        asked.append(question)
+        answers = {"Length": "43 cm", "Where": "SW", "Temperature": "unheated", "plates": "1", "days": "10"}
+        return parse(next((one for key, one in answers.items() if key in question), default))
+
+    campaign = new_plan(tmp_path / "weather.csv", PlanAnswers(outside="right"), ask=ask)
+    assert len(asked) == 6 and campaign.wall.length == 0.43 and campaign.wall.outside == "right"
+    settings = campaign.settings
+    assert (settings.azimuth, settings.indoor, settings.sensors, settings.plates, settings.days) == (
+        225.0, "unheated", 2, ("left",), 10.0
+    )  # fmt: skip
+    with pytest.raises(wallid.InputError, match="exists"):
+        new_plan(tmp_path / "weather.csv", ask=ask)
+    with pytest.raises(wallid.InputError, match="--length and --azimuth"):
+        new_plan(tmp_path / "weather.csv", to=tmp_path / "other.toml")
+    assert (parse_azimuth("n"), parse_azimuth("12,5"), parse_indoor("-3")) == (0.0, 12.5, -3.0)
+    for parse, text in ((parse_azimuth, "up"), (parse_indoor, "warm")):
+        with pytest.raises(wallid.InputError, match="must be a number"):
+            parse(text)
+    assert not os.path.exists(tmp_path / "other.toml")
+
+
+def test_the_command_writes_the_plan(folder, tmp_path):
+    result = CliRunner().invoke(app, ["plan", str(folder), "--out", str(tmp_path / "out"), "--format", "svg"])
+    assert result.exit_code == 0, result.output
+    entries = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert entries["plan"]["plates"] == ["right"] and entries["verdict"] is None
+    assert sorted(entries["files"]) == sorted(path.name for path in (tmp_path / "out").iterdir())
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "What to do" in page and "plan of a campaign" in page and "<svg" not in page.split("</style>")[0]
