@@ -1,19 +1,25 @@
 """What to measure next: added sensors against a case that has them, changed faces, and the search."""
 
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pvlib
 import pytest
 import scipy
 from benchmarks.reference.simulator_with_effects import Hidden, Spec, write_case
 
 import wallid
+from wallid.case.options import ACTIONS, Choices
+from wallid.case.planned_campaign import CampaignSettings
 from wallid.discrepancy.candidate_fits import CandidateFits
 from wallid.discrepancy.effect_fit import linearised_at, refit
 from wallid.discrepancy.next_measurement import changed_faces
-from wallid.discrepancy.next_measurement.actions import Action, Prescription, best_actions
+from wallid.discrepancy.next_measurement.actions import EFFORTS, Action, Prescription, best_actions
 from wallid.discrepancy.next_measurement.added_sensor import added_sensors
 from wallid.discrepancy.next_measurement.candidate_records import LongerRecord, PresentRecord, RecordWithSensor
+from wallid.discrepancy.next_measurement.changed_records import SwappedRecord, changed_records, swapped_records
 from wallid.discrepancy.next_measurement.confusable_sets import confusable_sets, explanation_of
 from wallid.discrepancy.next_measurement.informative_records import open_diffusivities
 from wallid.discrepancy.next_measurement.refits import refitted_separations
@@ -108,6 +114,45 @@ def test_shade_and_heat_change_the_faces_alone(found):
     assert np.array_equal(heated.record.sensors, problem.record.sensors)
 
 
+def test_exchanged_sensors_read_each_others_places(found):
+    """Offsets and lags go with the instrument; position errors stay at the place."""
+    (confusable,) = confusable_sets(found)
+    present = confusable.present
+    swapped = SwappedRecord(present, ("T1", "T2"))
+    fit, now, then = present.fits[0], present.explanations[0], swapped.explanations[0]
+    bins = len(now.predicted) // 2
+    first, second = slice(0, bins), slice(bins, None)
+    offset = {name: float(fit.parameters[f"sensor_offset[{name}]"]) for name in ("T1", "T2")}
+    assert then.predicted[first] - offset["T1"] == pytest.approx(now.predicted[second] - offset["T2"], abs=1e-9)
+    assert then.predicted[second] - offset["T2"] == pytest.approx(now.predicted[first] - offset["T1"], abs=1e-9)
+    names = fit.parameters.estimated_names
+    place, instrument = names.index("sensor_position[T1]"), names.index("sensor_offset[T1]")
+    assert (
+        then.jacobian[second, place] == pytest.approx(now.jacobian[first, place])
+        and not then.jacobian[first, place].any()
+    )
+    assert then.jacobian[first, instrument] == pytest.approx(1.0) and not then.jacobian[second, instrument].any()
+    assert [one.pair for one in swapped_records(present)] == []  # no effect blames a sensor
+    assert swapped.next_name("effect.sensor_position[T2].shift") == "effect.sensor_position[T1].shift"
+    assert swapped.next_name("effect.sensor_lag[T2].time_constant") == "effect.sensor_lag[T2].time_constant"
+    assert np.isfinite(confusable.probability(refitted_separations(confusable, swapped)))
+
+
+def test_another_season_has_the_faces_of_the_typical_year(found, tmp_path):
+    shutil.copy(Path(pvlib.__file__).parent / "data" / "723170TYA.CSV", tmp_path / "weather.csv")
+    plan = CampaignSettings(weather=str(tmp_path / "weather.csv"), azimuth=180.0)
+    problem = replace(found.problem, case=replace(found.problem.case, plan=plan))
+    fits = tuple(replace(fit, problem=problem) for fit in (found.after, found.before))
+    present = PresentRecord(fits, tuple(explanation_of(fit) for fit in fits))
+    seasons = [one for one in changed_records(present) if one.kind == "season"]
+    assert len(seasons) == 6 and seasons[0].parameters() == {"start": 1}
+    winter, summer = seasons[0].problem.record, seasons[3].problem.record
+    assert summer.faces[:, 0].mean() > winter.faces[:, 0].mean() + 8.0
+    assert summer.regressors["irradiance"].max() > 100.0 and summer.rows == found.problem.record.rows
+    assert all(np.isfinite(one.predicted).all() for one in seasons[3].explanations)
+    assert abs(seasons[3].explanations[0].predicted.mean() - summer.faces.mean()) < 5.0
+
+
 def test_every_action_has_a_probability_and_the_page_of_numbers_its_keys(found):
     shares = []
     (prescription,) = what_to_measure(found, shares.append)
@@ -122,8 +167,10 @@ def test_every_action_has_a_probability_and_the_page_of_numbers_its_keys(found):
     assert len(probabilities) <= 5 and all(one >= 0.5 for one in probabilities)
     for action in entries["actions"]:
         assert {"kind", "days", "probability", "effort"} <= set(action)
-    costly = what_to_measure(found, shares.append, {"sensor": 100.0, "heating": 100.0, "longer": 100.0, "shade": 100.0})
-    assert costly[0].now == prescription.now
+    choices = replace(found.problem.case.choices, efforts=dict.fromkeys(EFFORTS, 100.0) | {"longer": 0.0})
+    costly = replace(found, problem=replace(found.problem, case=replace(found.problem.case, choices=choices)))
+    (other,) = what_to_measure(costly, shares.append)
+    assert other.now == prescription.now and other.actions[0].kind == "longer"
 
 
 def test_refits_confirm_the_derivatives_of_a_repeat(found):
@@ -166,6 +213,14 @@ def test_typical_courses_are_those_of_a_day(found):
     assert courses["irradiance"][hour == 12].mean() > 100.0 and courses["irradiance"][hour == 0].max() == 0.0
     assert set(np.unique(courses["heating"])) == {0.0, 1.0} and courses["rain"].max() > 0.0
     assert np.abs(courses["air_outdoor"] - found.problem.record.faces[:, 0]).std() < 2.0
+
+
+def test_efforts_are_of_known_kinds():
+    assert set(EFFORTS) == set(ACTIONS)
+    assert Choices(efforts={"sensor": 5}).efforts == (("sensor", 5.0),)
+    for wrong in ({"hole": 1.0}, {"sensor": -1.0}, "sensor"):
+        with pytest.raises(wallid.InputError, match="efforts"):
+            Choices(efforts=wrong)
 
 
 def action(kind, probability, effort, **parameters):

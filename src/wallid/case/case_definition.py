@@ -17,6 +17,7 @@ from ..records.dataframe_table import with_time_column
 from ..records.uniform_record import Record
 from .case_tables import RECORD_OPTIONS, parse_choices, parse_record, parse_sensors, parse_wall, sensor_tables
 from .options import Choices, check_choices
+from .planned_campaign import CampaignSettings
 from .wall_and_sensors import Sensor, Wall, check_sensors
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ class Case(ResultObject):
         choices: the options; `learning_diffusivities` of None follow from the wall's prior.
         learning: training signals to use instead of those derived from the record; may be empty.
         description: one line.
+        plan: where the wall stands and its typical weather, where the case states it.
 
     Raises:
         InputError: the parts do not fit each other.
@@ -93,6 +95,7 @@ class Case(ResultObject):
     choices: Choices = field(default_factory=Choices)
     learning: tuple[LearningSignal, ...] = ()
     description: str = ""
+    plan: CampaignSettings | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         set_fields(self, sensors=tuple(self.sensors), learning=tuple(self.learning))
@@ -175,6 +178,12 @@ class Case(ResultObject):
         table = parse_record({**(regressors or {}), **stated, "time": time, "left": left, "right": right})
         record = table.with_noise(table.read(data, sensors), sensors)
         return cls(name, Path(record.file), wall, tuple(sensors), record, choices, tuple(learning), description)
+
+    @property
+    def weather_file(self) -> Path:
+        """The weather file of `plan`; a relative path is relative to the case file."""
+        assert self.plan is not None
+        return self.path.parent / self.plan.weather
 
     def to_dict(self) -> dict[str, Any]:
         """Wall, sensors, options and a description of the record, as plain values."""

@@ -71,12 +71,13 @@ def case_of(content: bytes, path: Path) -> Case:
         choices = parse_choices(document.get("choices", {}), sensors)
         table = parse_record(document["record"], ("file", "time", "left", "right"))
         learning_table = _parse_learning(document["learning"]) if "learning" in document else None
+        plan = _parse_plan(document["plan"]) if "plan" in document else None
     # errors in a CSV file begin with the name of that file, not of the case file
     record = table.read(path.parent / table.columns["file"], sensors)
     learning = _read_learning(learning_table, path.parent) if learning_table else ()
     with error_context(str(path)):
         record = table.with_noise(record, sensors)
-        return Case(name, path, wall, sensors, record, choices, learning, description)
+        return Case(name, path, wall, sensors, record, choices, learning, description, plan)
 
 
 def load_campaign(path_or_name: str | os.PathLike[str]) -> PlannedCampaign:
@@ -115,13 +116,11 @@ def campaign_of(content: bytes, path: Path) -> PlannedCampaign:
         checked_table(document, ("wall", "plan"), optional)
         name, description = _name_and_description(document, path)
         sensors = parse_sensors(document.get("sensor", []))
-        with error_context("[plan]"):
-            settings = dataclass_from_table(CampaignSettings, document["plan"])
         return PlannedCampaign(
             name=name,
             path=path,
             wall=parse_wall(document["wall"]),
-            settings=settings,
+            settings=_parse_plan(document["plan"]),
             sensor=sensors[0] if sensors else TYPICAL_SENSOR,
             choices=parse_choices(document.get("choices", {}), sensors),
             description=description,
@@ -167,6 +166,11 @@ def _name_and_description(document: dict[str, Any], path: Path) -> tuple[str, st
         name = text("name", about.get("name", default))
     description = about.get("description", document.get("description"))
     return name, "" if description is None else text("description", description)
+
+
+def _parse_plan(table: object) -> CampaignSettings:
+    with error_context("[plan]"):
+        return dataclass_from_table(CampaignSettings, table)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, no_type_check
 
@@ -11,6 +12,8 @@ from .._internal.validation import integer, number, number_tuple, one_of, set_fi
 from ..records.table_columns import MIN_ROWS
 from ..records.uniform_record import Record
 
+ACTIONS = ("sensor", "column", "longer", "season", "shade", "swap", "heating")
+"""Kinds of action that a diagnosis can propose."""
 FREE_PARAMETERS = ("layers", "film_left", "film_right")
 _MAX_DAYS = 1e5
 _MAX_NODES = 5000  # more nodes: the dense matrices of the full-order model fill the memory
@@ -46,6 +49,8 @@ class Choices:
         free: parameters of the wall that are estimated in addition to the diffusivity: "layers" (the conductivity of
             each layer relative to that of the first), "film_left", "film_right" (the surface resistance, where the
             column of that face is the air temperature).
+        efforts: of kinds of action that a diagnosis proposes, such as {"sensor": 5.0}, relative to that of logging one
+            more column; kept as pairs. Kinds that are left out have their defaults.
 
     Raises:
         InputError: a value is outside its limits.
@@ -65,6 +70,7 @@ class Choices:
     largest_interval_factor: float = 3.0
     noise: Literal["estimated", "stated", "robust"] | None = None
     free: tuple[str, ...] = ()
+    efforts: Mapping[str, float] | tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
         one_of("model", self.model, ("mim", "lom"))
@@ -73,8 +79,14 @@ class Choices:
         free = (self.free,) if isinstance(self.free, str) else tuple(self.free)
         for part in free:
             one_of("free", part, FREE_PARAMETERS)
+        if not isinstance(self.efforts, Mapping | tuple):
+            raise InputError(f"efforts = {self.efforts!r}; it must be a table such as {{ sensor = 5.0 }}")
+        efforts = dict(self.efforts)
+        for kind in efforts:
+            one_of("efforts", kind, ACTIONS)
         set_fields(
             self,
+            efforts=tuple((kind, number(f"efforts.{kind}", one, minimum=0.0)) for kind, one in efforts.items()),
             free=tuple(part for part in FREE_PARAMETERS if part in free),
             window_days=number("window_days", self.window_days, "days", above=0.0, maximum=_MAX_DAYS),
             order="auto" if self.order == "auto" else integer("order", self.order, 1, 60, alternative='or "auto"'),

@@ -6,10 +6,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
+from ...experiment_design.campaign_plan.plan_result import date_of
 from ..problem import EffectParameters
 
-ActionKind = Literal["sensor", "column", "longer", "shade", "heating"]
-EFFORTS: Mapping[str, float] = {"column": 1.0, "longer": 1.0, "shade": 2.0, "heating": 2.0, "sensor": 3.0}
+ActionKind = Literal["sensor", "column", "longer", "season", "shade", "swap", "heating"]
+EFFORTS: Mapping[str, float] = {
+    "column": 1.0,
+    "longer": 1.0,
+    "swap": 1.5,
+    "shade": 2.0,
+    "heating": 2.0,
+    "season": 2.0,
+    "sensor": 3.0,
+}
 """The default effort of each action, relative to that of logging one more column."""
 HELPFUL = 0.5
 """The probability from which an action is proposed."""
@@ -56,6 +65,10 @@ class Action:
                 return f"record {self.days:.3g} days in the same way"
             case "shade":
                 return f"shade the {self.parameters['face']} face during the second half of the record"
+            case "season":
+                return f"repeat the record from about {date_of(self.parameters['start'])} on"
+            case "swap":
+                return f"exchange the sensors {' and '.join(self.parameters['sensors'])}, and record again"
             case "heating":
                 power, hours = self.parameters["power"], self.parameters["hours"]
                 return f"heat the inner face once with {power:.0f} W/m2 for {hours:.0f} h"
@@ -72,6 +85,10 @@ class Action:
                 return f"{self.days:.3g} days"
             case "shade":
                 return f"shade the {self.parameters['face']} face"
+            case "season":
+                return f"from {date_of(self.parameters['start'])} on"
+            case "swap":
+                return f"exchange {' and '.join(self.parameters['sensors'])}"
             case "heating":
                 return f"heat for {self.parameters['hours']:.0f} h"
 
@@ -156,7 +173,9 @@ _KIND_WORDS: Mapping[ActionKind, str] = {
     "sensor": "a further temperature sensor",
     "column": "logging the column",
     "longer": "a record of up to six times the length",
+    "season": "another season",
     "shade": "shading the outer face",
+    "swap": "exchanging two sensors",
     "heating": "heating the inner face",
 }
 

@@ -1,4 +1,4 @@
-"""The next records that are compared: a longer one, one with another sensor, in the shade, or heated."""
+"""The next records that are compared: their interface, a longer record, one with another sensor."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..._internal.units import DAY
+from ...inference.parameters import Parameters
 from ..effect_fit import EffectFit
-from ..model_with_effects import linearise
 from ..problem import DiagnosisProblem, diagnosis_problem
 from .actions import ActionKind
 from .added_sensor import AddedSensor, added_sensors
-from .changed_faces import HEATING_HOURS, HEATING_POWER, heated, shaded
 from .separation import Explanation
 
 _SHARES = np.linspace(0.1, 0.9, 9)  # of the wall's length, at which a sensor is tried
@@ -87,6 +86,16 @@ class CandidateRecord(ABC):
     @abstractmethod
     def problem(self) -> DiagnosisProblem:
         """The next record, over one length of the present one, prepared for a diagnosis."""
+
+    def next_name(self, name: str) -> str:
+        """The name in the next record of a parameter of the present one."""
+        return name
+
+    def next_parameters(self, fit: EffectFit) -> Parameters:
+        """The parameters of the next record with the values of a fit; others keep their neutral values."""
+        parameters = self.problem.parameters
+        own = {self.next_name(name): value for name, value in fit.parameters.to_dict().items()}
+        return parameters.with_values({name: own[name] for name in parameters.names if name in own})
 
 
 class LongerRecord(CandidateRecord):
@@ -159,53 +168,8 @@ class RecordWithSensor(CandidateRecord):
         columns = np.column_stack([record.sensors, record.sensors[:, self.added.like]])
         names = (*record.names, self.added.sensor.name)
         record = replace(record, sensors=columns, names=names)
-        problem = diagnosis_problem(replace(case, record=record, sensors=(*case.sensors, self.added.sensor)))
-        forcing = replace(
-            problem.model.forcing,
-            initial=present.model.forcing.initial,
-            reference=present.model.forcing.reference,
-        )
-        return replace(problem, model=replace(problem.model, forcing=forcing))
-
-
-class _ChangedRecord(CandidateRecord):
-    """A record whose faces take other courses."""
-
-    @cached_property
-    def explanations(self) -> tuple[Explanation, ...]:
-        """What the fits predict with the changed faces."""
-        pairs = zip(self.present.fits, self.present.explanations, strict=True)
-        return tuple(_explanation_in(self.problem, fit, one) for fit, one in pairs)
-
-
-class ShadedRecord(_ChangedRecord):
-    """A record with the outer face in the shade during its second half."""
-
-    kind = "shade"
-
-    def parameters(self) -> dict[str, Any]:
-        """The face."""
-        return {"face": self.present.problem.case.wall.outside}
-
-    @cached_property
-    def problem(self) -> DiagnosisProblem:
-        """The present record with less sun."""
-        return shaded(self.present.problem)
-
-
-class HeatedRecord(_ChangedRecord):
-    """A record with the inner face heated once."""
-
-    kind = "heating"
-
-    def parameters(self) -> dict[str, Any]:
-        """Duration, h, and power, W/m2."""
-        return {"hours": HEATING_HOURS, "power": HEATING_POWER}
-
-    @cached_property
-    def problem(self) -> DiagnosisProblem:
-        """The present record with a warmer inner face."""
-        return heated(self.present.problem, self.present.fits[0].diffusivity)
+        extended = replace(case, record=record, sensors=(*case.sensors, self.added.sensor))
+        return with_profile_of(diagnosis_problem(extended), present)
 
 
 def records_with_sensor(present: PresentRecord) -> Iterator[RecordWithSensor]:
@@ -215,16 +179,14 @@ def records_with_sensor(present: PresentRecord) -> Iterator[RecordWithSensor]:
         yield RecordWithSensor(present, added)
 
 
-def other_records(present: PresentRecord) -> Iterator[CandidateRecord]:
-    """A heated record, one in the shade where the sun was logged, and longer ones, the shortest first."""
-    yield HeatedRecord(present)
-    if "irradiance" in present.problem.record.regressors:
-        yield ShadedRecord(present)
+def longer_records(present: PresentRecord) -> Iterator[LongerRecord]:
+    """Longer records, the shortest first."""
     yield from (LongerRecord(present, length) for length in _LENGTHS if length * present.days <= _LONGEST)
 
 
-def _explanation_in(problem: DiagnosisProblem, fit: EffectFit, present: Explanation) -> Explanation:
-    """What a fit predicts for the readings of another problem with the same sensors and rows."""
-    names, linear = fit.parameters.estimated_names, problem.is_linear(fit.active)
-    predicted, slopes = linearise(problem.model, problem.bins, fit.parameters, names, linear=linear)
-    return replace(present, predicted=problem.binned(predicted), jacobian=slopes.T)
+def with_profile_of(problem: DiagnosisProblem, present: DiagnosisProblem) -> DiagnosisProblem:
+    """A problem with the initial profile and the mean temperature of another, whatever its readings are."""
+    forcing = replace(
+        problem.model.forcing, initial=present.model.forcing.initial, reference=present.model.forcing.reference
+    )
+    return replace(problem, model=replace(problem.model, forcing=forcing))

@@ -1,4 +1,4 @@
-"""A record whose faces are made to take other courses: shaded from the sun, or heated for some hours.
+"""A record whose faces take other courses: shaded from the sun, heated for some hours, or in another season.
 
 A heat flux P on a face of conductivity k and diffusivity alpha, which loses h per kelvin to the air, warms it after the
 time t by
@@ -21,6 +21,14 @@ from jaxtyping import Float
 from ...case.case_definition import Case
 from ...case.time_window import diagnosis_window
 from ...case.wall_and_sensors import SIDES
+from ...experiment_design.campaign_plan.typical_case import (
+    CAPACITY_OF_MASONRY,
+    campaign_irradiance,
+    campaign_of_case,
+    indoor_temperature,
+    typical_case,
+)
+from ...records.weather_year import WeatherYear
 from ..problem import DiagnosisProblem
 from ..record_forcing import forcing_of_window
 
@@ -29,7 +37,6 @@ HEATING_POWER, HEATING_HOURS = 100.0, 12.0
 SUN_ON_FACE = 0.01
 """Warming of a face by the sun, K m2/W: an absorptance of 0.25 over a film of 25 W/m2/K."""
 _INDOOR_FILM = 8.0  # W/m2/K, convection and radiation
-_CAPACITY = 1.6e6  # J/m3/K of masonry, where neither it nor the conductivity is stated
 
 
 def shaded(problem: DiagnosisProblem) -> DiagnosisProblem:
@@ -50,7 +57,7 @@ def heated(problem: DiagnosisProblem, diffusivity: float) -> DiagnosisProblem:
         diffusivity: m2/s.
     """
     record, wall = problem.record, problem.case.wall
-    conductivity = wall.effective_conductivity or (wall.heat_capacity or _CAPACITY) * diffusivity
+    conductivity = wall.effective_conductivity or (wall.heat_capacity or CAPACITY_OF_MASONRY) * diffusivity
     since = record.time - record.time[record.rows // 3]
     warming = _warming(since, conductivity, diffusivity) - _warming(
         since - HEATING_HOURS * 3600.0, conductivity, diffusivity
@@ -60,21 +67,54 @@ def heated(problem: DiagnosisProblem, diffusivity: float) -> DiagnosisProblem:
     return _with_faces(problem, faces, {})
 
 
+def in_season(problem: DiagnosisProblem, weather: WeatherYear, start: int, diffusivity: float) -> DiagnosisProblem:
+    """A record of the same rows from an hour of a typical year on, in which the plain wall has some diffusivity.
+
+    Args:
+        problem: of the present record, whose case has `[plan]`.
+        weather: of the typical year.
+        start: the first hour.
+        diffusivity: m2/s.
+    """
+    case, record = problem.case, problem.record
+    campaign = campaign_of_case(case)
+    typical = typical_case(campaign, weather, diffusivity, [sensor.position for sensor in case.sensors], ())
+    hours = start + record.time / 3600.0
+
+    def at_rows(values: np.ndarray) -> np.ndarray:
+        return np.asarray(scipy.interpolate.CubicSpline(np.arange(len(values)), values)(hours))
+
+    courses = {
+        "irradiance": campaign_irradiance(campaign, weather),
+        "air_outdoor": weather.air,
+        "air_indoor": indoor_temperature(campaign, weather),
+    }
+    logged = {name: at_rows(values) for name, values in courses.items() if name in record.regressors}
+    return _with_faces(problem, at_rows(typical.record.faces), logged, at_rows(typical.record.sensors))
+
+
 def _warming(time: Float[np.ndarray, " time"], conductivity: float, diffusivity: float) -> Float[np.ndarray, " time"]:
     """The warming of a face since the start of its heating, K; 0 before it."""
     b = _INDOOR_FILM / conductivity * np.sqrt(diffusivity * np.maximum(time, 0.0))
     return np.asarray(HEATING_POWER / _INDOOR_FILM * (1.0 - scipy.special.erfcx(b)))
 
 
-def _with_faces(problem: DiagnosisProblem, faces: np.ndarray, regressors: dict[str, np.ndarray]) -> DiagnosisProblem:
-    """The problem with other face temperatures and regressors in the rows used."""
+def _with_faces(
+    problem: DiagnosisProblem,
+    faces: np.ndarray,
+    regressors: dict[str, np.ndarray],
+    sensors: np.ndarray | None = None,
+) -> DiagnosisProblem:
+    """The problem with other face temperatures, regressors and (for the initial profile) readings in the rows used."""
     window, whole = diagnosis_window(problem.case), problem.case.record
-    rows = window.as_slice
-    changed = {"faces": np.array(whole.faces)} | {key: np.array(whole.regressors[key]) for key in regressors}
-    for key, values in ({"faces": faces} | regressors).items():
-        changed[key][rows] = values
-    new = changed.pop("faces")
-    record = replace(whole, faces=new, regressors=dict(whole.regressors) | changed)
+    changed = {key: np.array(whole.regressors[key]) for key in regressors}
+    for key, values in regressors.items():
+        changed[key][window.as_slice] = values
+    new_faces, new_sensors = np.array(whole.faces), np.array(whole.sensors)
+    new_faces[window.as_slice] = faces
+    if sensors is not None:
+        new_sensors[window.as_slice] = np.where(np.isfinite(whole.sensors[window.as_slice]), sensors, np.nan)
+    record = replace(whole, faces=new_faces, sensors=new_sensors, regressors=dict(whole.regressors) | changed)
     case: Case = replace(problem.case, record=record)
     model = replace(problem.model, forcing=forcing_of_window(case, window))
     return replace(problem, case=case, record=record.window(window.row, window.rows), model=model)

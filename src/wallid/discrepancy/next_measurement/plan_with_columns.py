@@ -11,7 +11,7 @@ from ...case.planned_campaign import PlannedCampaign
 from ...estimation.iso_9869 import MIN_DAYS, average_method
 from ...experiment_design.campaign_plan.plan_result import CampaignPlan
 from ...experiment_design.campaign_plan.plan_search import plan_campaign
-from ...experiment_design.campaign_plan.typical_case import indoor_temperature
+from ...experiment_design.campaign_plan.typical_case import campaign_irradiance, indoor_temperature
 from ...records.weather_year import read_weather_year
 from .columns_of_plan import columns_to_log
 
@@ -43,9 +43,9 @@ def plan(campaign: PlannedCampaign, *, progress: Progress | None = None) -> Camp
     with shown_progress(progress) as report:
         found = plan_campaign(campaign, part_of(report, 0.0, 0.6))
         report("plan: the columns to log", 0.6)
-        weather, settings = read_weather_year(campaign.weather_file), campaign.settings
+        weather = read_weather_year(campaign.weather_file)
         logged = {
-            "irradiance": weather.irradiance_on(settings.azimuth, settings.tilt, settings.latitude, settings.longitude),
+            "irradiance": campaign_irradiance(campaign, weather),
             "air_outdoor": weather.air,
             "air_indoor": indoor_temperature(campaign, weather),
         }

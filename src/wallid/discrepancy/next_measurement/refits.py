@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from ...inference.noise_covariance import bin_readings
-from ...inference.parameters import Parameters
 from ..effect_fit import EffectFit, refit
 from ..model_with_effects import predict
 from ..problem import DiagnosisProblem, EffectParameters
@@ -47,12 +46,12 @@ def _refitted(confusable: ConfusableSet, candidate: CandidateRecord, k: int, der
     """The refits where effect k of the set is the true one."""
     problem, fits = candidate.problem, confusable.present.fits
     true, noise = fits[k], fits[0].noise
-    shape = problem.noise_shape(_carried_over(problem, true))
+    shape = problem.noise_shape(candidate.next_parameters(true))
     covariance = shape.covariance_of(noise.white, noise.autocorrelated, noise.correlation)
-    exact = _with_readings_of(problem, true)
+    exact = _with_readings_of(candidate, true)
 
     def cost(fit: EffectFit) -> float:
-        return refit(exact, _same_effects(problem, fit), _carried_over(problem, fit), covariance).cost
+        return refit(exact, _same_effects(candidate, fit), candidate.next_parameters(fit), covariance).cost
 
     own, excess, rivals = cost(true), np.array(derivative.excess), fits[:k] + fits[k + 1 :]
     for j in np.argsort(excess + derivative.penalties)[:_NEAREST]:
@@ -61,22 +60,17 @@ def _refitted(confusable: ConfusableSet, candidate: CandidateRecord, k: int, der
     return derivative.with_excess(excess)
 
 
-def _carried_over(problem: DiagnosisProblem, fit: EffectFit) -> Parameters:
-    """The parameters of a problem with the values of a fit; what the fit does not have keeps its neutral value."""
-    own = fit.parameters.to_dict()
-    return problem.parameters.with_values({name: own[name] for name in problem.parameters.names if name in own})
+def _same_effects(candidate: CandidateRecord, fit: EffectFit) -> tuple[EffectParameters, ...]:
+    """The effects of a fit in the library of the next record."""
+    by_names = {effect.names: effect for effect in candidate.problem.library}
+    return tuple(by_names[tuple(map(candidate.next_name, effect.names))] for effect in fit.active)
 
 
-def _same_effects(problem: DiagnosisProblem, fit: EffectFit) -> tuple[EffectParameters, ...]:
-    """The effects of a fit in the library of a problem."""
-    by_names = {effect.names: effect for effect in problem.library}
-    return tuple(by_names[effect.names] for effect in fit.active)
-
-
-def _with_readings_of(problem: DiagnosisProblem, fit: EffectFit) -> DiagnosisProblem:
-    """The problem with the readings that a fit predicts, without noise, in the rows that have a reading."""
+def _with_readings_of(candidate: CandidateRecord, fit: EffectFit) -> DiagnosisProblem:
+    """The next record with the readings that a fit predicts, without noise, in the rows that have a reading."""
+    problem = candidate.problem
     linear = problem.is_linear(fit.active)
-    predicted = np.asarray(predict(problem.model, _carried_over(problem, fit), linear))
+    predicted = np.asarray(predict(problem.model, candidate.next_parameters(fit), linear))
     present = np.isfinite(problem.record.sensors)
     readings = np.where(present, predicted, np.nan)
     bins, _ = bin_readings(present, np.where(present, predicted, 0.0))

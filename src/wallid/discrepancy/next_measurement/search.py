@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from ..findings import Findings
 from .actions import EFFORTS, Action, ActionKind, Prescription, best_actions, score
-from .candidate_records import CandidateRecord, LongerRecord, PresentRecord, other_records, records_with_sensor
+from .candidate_records import CandidateRecord, LongerRecord, PresentRecord, longer_records, records_with_sensor
+from .changed_records import changed_records, swapped_records
 from .confusable_sets import ConfusableSet, confusable_sets
 from .informative_records import open_diffusivities
 from .refits import lengthened_separations, refitted_separations
@@ -16,9 +17,7 @@ _PROBABLE_ENOUGH = 0.9  # from which no longer record is tried
 _REFITTED = 3  # actions whose probability is computed by refits
 
 
-def what_to_measure(
-    findings: Findings, progress: Callable[[float], None], efforts: Mapping[str, float] | None = None
-) -> tuple[Prescription, ...]:
+def what_to_measure(findings: Findings, progress: Callable[[float], None]) -> tuple[Prescription, ...]:
     """What to measure next, for each question that a diagnosis leaves open.
 
     Effects that the record cannot distinguish, a record that does not determine the diffusivity, and effects that
@@ -27,9 +26,8 @@ def what_to_measure(
     Args:
         findings: of the diagnosis.
         progress: called with the completed share, 0 to 1.
-        efforts: of kinds of action, relative to that of logging one more column; None for the defaults.
     """
-    efforts = {**EFFORTS, **(efforts or {})}
+    efforts = {**EFFORTS, **dict(findings.problem.case.choices.efforts)}
     if findings.verdict == "uninformative":
         return (_for_uninformative(findings, efforts),)
     if findings.verdict == "unnamed":
@@ -95,7 +93,8 @@ def _tried(
 ) -> _Tried:
     """Every candidate with its action; of longer records none past the first that is probable enough."""
     tried: _Tried = []
-    for record in (*records_with_sensor(present), *other_records(present)):
+    others = (*changed_records(present), *swapped_records(present), *longer_records(present))
+    for record in (*records_with_sensor(present), *others):
         if tried and isinstance(tried[-1][0], LongerRecord) and tried[-1][1].probability >= _PROBABLE_ENOUGH:
             break
         days, effort = record.length * present.days, record.length * efforts[record.kind]

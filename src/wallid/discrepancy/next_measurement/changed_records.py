@@ -1,0 +1,174 @@
+"""Next records with the same sensors: the faces in the shade or heated, another season, two sensors exchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from ...experiment_design.campaign_plan.typical_case import day_of_year
+from ...inference.nuisance_parameters import SensorPositions
+from ...inference.parameters import kind_of, target_of
+from ...records.weather_year import HOURS, WeatherYear, read_weather_year
+from ..effect_fit import EffectFit
+from ..model_with_effects import linearise
+from ..problem import DiagnosisProblem, diagnosis_problem
+from .candidate_records import CandidateRecord, PresentRecord, with_profile_of
+from .changed_faces import HEATING_HOURS, HEATING_POWER, heated, in_season, shaded
+from .separation import Explanation
+
+_INSTRUMENT_ERRORS = ("sensor_lag", "sensor_offset", "sensor_gain", "sensor_drift")
+_PLACE_ERRORS = (SensorPositions.kind, "effect.sensor_position")
+_SEASONS = 6  # first days that are tried
+
+
+class _ChangedRecord(CandidateRecord):
+    """A record of the same sensors under other conditions."""
+
+    @cached_property
+    def explanations(self) -> tuple[Explanation, ...]:
+        """What the fits predict under them."""
+        pairs = zip(self.present.fits, self.present.explanations, strict=True)
+        return tuple(self._explanation(fit, one) for fit, one in pairs)
+
+    def _explanation(self, fit: EffectFit, present: Explanation) -> Explanation:
+        """What a fit predicts for the next record, with the parameters under their names there."""
+        problem, parameters = self.problem, self.next_parameters(fit)
+        names = [self.next_name(name) for name in fit.parameters.estimated_names]
+        linear = problem.is_linear(fit.active)
+        predicted, slopes = linearise(problem.model, problem.bins, parameters, names, linear=linear)
+        return replace(present, predicted=problem.binned(predicted), jacobian=slopes.T)
+
+
+class ShadedRecord(_ChangedRecord):
+    """A record with the outer face in the shade during its second half."""
+
+    kind = "shade"
+
+    def parameters(self) -> dict[str, Any]:
+        """The face."""
+        return {"face": self.present.problem.case.wall.outside}
+
+    @cached_property
+    def problem(self) -> DiagnosisProblem:
+        """The present record with less sun."""
+        return shaded(self.present.problem)
+
+
+class HeatedRecord(_ChangedRecord):
+    """A record with the inner face heated once."""
+
+    kind = "heating"
+
+    def parameters(self) -> dict[str, Any]:
+        """Duration, h, and power, W/m2."""
+        return {"hours": HEATING_HOURS, "power": HEATING_POWER}
+
+    @cached_property
+    def problem(self) -> DiagnosisProblem:
+        """The present record with a warmer inner face."""
+        return heated(self.present.problem, self.present.fits[0].diffusivity)
+
+
+class SeasonRecord(_ChangedRecord):
+    """A record from another day of a typical year on.
+
+    Args:
+        present: the present one.
+        weather: of the typical year.
+        start: its first row in the typical year.
+    """
+
+    kind = "season"
+
+    def __init__(self, present: PresentRecord, weather: WeatherYear, start: int):
+        super().__init__(present)
+        self.weather, self.start = weather, start
+
+    def parameters(self) -> dict[str, Any]:
+        """The first day, as day of the year."""
+        return {"start": day_of_year(self.start)}
+
+    @cached_property
+    def problem(self) -> DiagnosisProblem:
+        """The present record with faces, air and sun of that season."""
+        return in_season(self.present.problem, self.weather, self.start, self.present.fits[0].diffusivity)
+
+
+class SwappedRecord(_ChangedRecord):
+    """A record with two sensors exchanged: the errors of instruments go with them, those of places stay.
+
+    Args:
+        present: the present one.
+        pair: names of the two sensors.
+    """
+
+    kind = "swap"
+
+    def __init__(self, present: PresentRecord, pair: tuple[str, str]):
+        super().__init__(present)
+        self.pair = pair
+
+    def parameters(self) -> dict[str, Any]:
+        """The names of the sensors."""
+        return {"sensors": list(self.pair)}
+
+    def next_name(self, name: str) -> str:
+        """The position error of a place is that of the other sensor in the next record."""
+        target = target_of(name)
+        if kind_of(name) not in _PLACE_ERRORS or target not in self.pair:
+            return name
+        other = self.pair[1 - self.pair.index(target)]
+        return name.replace(f"[{target}]", f"[{other}]")
+
+    @cached_property
+    def problem(self) -> DiagnosisProblem:
+        """The present record with the two sensors at each other's places."""
+        present = self.present.problem
+        at = {sensor.name: sensor for sensor in present.case.sensors}
+        one, other = (at[name] for name in self.pair)
+        places = {one.name: other, other.name: one}
+        sensors = tuple(
+            replace(sensor, position=place.position, position_std=place.position_std)
+            for sensor in present.case.sensors
+            for place in (places.get(sensor.name, sensor),)
+        )
+        return with_profile_of(diagnosis_problem(replace(present.case, sensors=sensors)), present)
+
+    @cached_property
+    def whitening(self) -> np.ndarray:
+        """W of the exchanged readings."""
+        first = self.present.fits[0]
+        noise, shape = first.noise, self.problem.noise_shape(self.next_parameters(first))
+        return shape.covariance_of(noise.white, noise.autocorrelated, noise.correlation).whitening
+
+
+def changed_records(present: PresentRecord) -> Iterator[CandidateRecord]:
+    """A heated record; one in the shade where the sun was logged; other seasons where the case has a typical year."""
+    problem = present.problem
+    yield HeatedRecord(present)
+    if "irradiance" in problem.record.regressors:
+        yield ShadedRecord(present)
+    if problem.case.plan is not None:
+        weather = read_weather_year(problem.case.weather_file)
+        rows = int(np.ceil(24 * present.days)) + 1
+        starts = 24 * np.linspace(0, (HOURS - 24 - rows) // 24, _SEASONS).astype(int) if rows < HOURS - 24 else []
+        yield from (SeasonRecord(present, weather, int(start)) for start in starts)
+
+
+def swapped_records(present: PresentRecord) -> Iterator[SwappedRecord]:
+    """Each sensor that one of the effects blames, exchanged with each other one."""
+    blamed = {
+        fit.problem.target_name(one.effect)
+        for fit in present.fits
+        for one in fit.active
+        if one.effect.name in _INSTRUMENT_ERRORS
+    }
+    names = [sensor.name for sensor in present.problem.case.sensors]
+    for pair in combinations(names, 2):
+        if blamed & set(pair):
+            yield SwappedRecord(present, pair)
