@@ -26,8 +26,8 @@ def printed(notebook):
     )
 
 
-def test_there_are_seven():
-    assert [path.stem[:2] for path in NOTEBOOKS] == ["00", "01", "02", "03", "04", "05", "06"]
+def test_there_are_eight():
+    assert [path.stem[:2] for path in NOTEBOOKS] == ["00", "01", "02", "03", "04", "05", "06", "07"]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -38,7 +38,7 @@ def test_it_imports_nothing_from_beside_the_package(path):
         alias.name.split(".")[0] for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names
     }
     modules |= {str(node.module).split(".")[0] for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    known = {"jax", "matplotlib", "numpy", "pandas", "scipy", "wallid"}  # dependencies of the package
+    known = {"jax", "matplotlib", "numpy", "pandas", "pvlib", "scipy", "wallid"}  # dependencies of the package
     assert modules - known <= set(sys.stdlib_module_names) - {"sys", "subprocess"}
 
 
