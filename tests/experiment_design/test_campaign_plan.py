@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 import wallid
+from wallid._internal.progress import no_progress
 from wallid.case.planned_campaign import CampaignSettings
 from wallid.case.wizard_plan import PlanAnswers, new_plan, parse_azimuth, parse_indoor
 from wallid.cli.commands import app
@@ -23,6 +24,7 @@ from wallid.experiment_design.campaign_plan.expected_intervals import (
     half_width,
 )
 from wallid.experiment_design.campaign_plan.plan_result import Curve, counted, date_of
+from wallid.experiment_design.campaign_plan.plan_search import plan_campaign
 from wallid.records.weather_year import HOURS, WeatherYear, read_weather_year
 
 TMY3 = Path(pvlib.__file__).parent / "data" / "723170TYA.CSV"
@@ -227,6 +229,7 @@ def test_a_new_plan_by_questions(tmp_path):
     with pytest.raises(wallid.InputError, match="--length and --azimuth"):
         new_plan(tmp_path / "weather.csv", to=tmp_path / "other.toml")
     assert (parse_azimuth("n"), parse_azimuth("12,5"), parse_indoor("-3")) == (0.0, 12.5, -3.0)
+    assert parse_azimuth("0") == 0.0
     for parse, text in ((parse_azimuth, "up"), (parse_indoor, "warm")):
         with pytest.raises(wallid.InputError, match="must be a number"):
             parse(text)
@@ -241,3 +244,13 @@ def test_the_command_writes_the_plan(folder, tmp_path):
     assert sorted(entries["files"]) == sorted(path.name for path in (tmp_path / "out").iterdir())
     page = (tmp_path / "out" / "report.html").read_text()
     assert "What to do" in page and "plan of a campaign" in page and "<svg" not in page.split("</style>")[0]
+
+
+def test_the_accuracy_of_the_case_has_the_interval_of_the_plan(folder):
+    """At the stated standard deviations the tolerances have the error of the plan itself."""
+    text = CASE.replace('plates = ["right"]\n', "").replace("sensors = 2", "sensors = 1")
+    (folder / "inside.toml").write_text(text)
+    found = plan_campaign(wallid.load_campaign(folder / "inside.toml"), no_progress)
+    for one, stated in zip(found.tolerances, (0.002, 0.05), strict=True):
+        expected = found.errors[len(found.errors) // 2].diffusivity
+        assert one.errors[one.values.index(stated)] == pytest.approx(expected)

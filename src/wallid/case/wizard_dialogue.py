@@ -141,12 +141,13 @@ def ask_noise(ask: Ask) -> float:
     return ask(question, f"{DEFAULT_NOISE_STD:g}", lambda text: decimal("noise", text, "K"))
 
 
-def decimal(name: str, text: str, unit: str) -> float:
-    """A number above 0, also with a decimal comma."""
+def decimal(name: str, text: str, unit: str, *, positive: bool = True) -> float:
+    """A number, above 0 unless said otherwise, also with a decimal comma."""
     try:
-        return number(name, float(text.replace(",", ".")), unit, above=0.0)
+        return number(name, float(text.replace(",", ".")), unit, above=0.0 if positive else None)
     except ValueError:  # InputError is one
-        raise InputError(f"{name} = {text!r}; it must be a number above 0 ({unit})") from None
+        above = " above 0" if positive else ""
+        raise InputError(f"{name} = {text!r}; it must be a number{above} ({unit})") from None
 
 
 def listed(columns: Iterable[DetectedColumn]) -> str:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from .._internal.errors import InputError
-from .._internal.validation import number
 from ..records.weather_year import read_weather_year
 from .case_file import campaign_of
 from .planned_campaign import UNHEATED, PlannedCampaign
@@ -55,11 +54,9 @@ def parse_azimuth(text: str) -> float:
     Raises:
         InputError: another form of text.
     """
-    return (
-        _DIRECTIONS[text.strip().upper()]
-        if text.strip().upper() in _DIRECTIONS
-        else decimal("azimuth", text, "degrees")
-    )
+    direction = text.strip().upper()
+    known = direction in _DIRECTIONS
+    return _DIRECTIONS[direction] if known else decimal("azimuth", text, "degrees", positive=False)
 
 
 def parse_indoor(text: str) -> float | str:
@@ -68,15 +65,7 @@ def parse_indoor(text: str) -> float | str:
     Raises:
         InputError: another form of text.
     """
-    return UNHEATED if text.strip().lower() == UNHEATED else _number("indoor", text, "degC")
-
-
-def _number(name: str, text: str, unit: str) -> float:
-    """A number, also with a decimal comma."""
-    try:
-        return number(name, float(text.replace(",", ".")), unit)
-    except ValueError:  # InputError is one
-        raise InputError(f"{name} = {text!r}; it must be a number ({unit})") from None
+    return UNHEATED if text.strip().lower() == UNHEATED else decimal("indoor", text, "degC", positive=False)
 
 
 def new_plan(

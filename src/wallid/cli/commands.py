@@ -278,7 +278,7 @@ def plan(
 
     The case has `[wall]` and `[plan]`, with the weather of a typical year (EPW or TMY3). Of each campaign the interval
     of the diffusivity (and with plates of R, U and the heat capacity) is expected, over the diffusivities that the
-    wall may have. It takes about a minute. Exit status 1: the record would more likely than not say nothing.
+    wall may have. It takes about half a minute. Exit status 1: the record would more likely than not say nothing.
     """
     run_plan(case, out, json, quiet, formats)
 

@@ -166,17 +166,12 @@ def _result(
 
 def _tolerances(search: PlanSearch, instruments: Instruments, start: int, days: float) -> tuple[Tolerance, ...]:
     """How the interval depends on the errors of positions and offsets."""
-    year, sensor = search.years[_MIDDLE], search.campaign.sensor
+    year = search.years[_MIDDLE]
+    sensor = year.case.sensors[0]  # with the noise of an hour's mean, as everywhere in the plan
+
+    def error(name: str, value: float) -> float:
+        return year.errors(start, days, instruments, replace(sensor, **{name: value})).diffusivity
+
     return tuple(
-        Tolerance(
-            name,
-            values,
-            np.array(
-                [
-                    year.errors(start, days, instruments, replace(sensor, **{name: value})).diffusivity
-                    for value in values
-                ]
-            ),
-        )
-        for name, values in _STDS.items()
+        Tolerance(name, values, np.array([error(name, value) for value in values])) for name, values in _STDS.items()
     )
