@@ -18,10 +18,11 @@ from wallid.discrepancy.effect_fit import linearised_at, refit
 from wallid.discrepancy.next_measurement import changed_faces
 from wallid.discrepancy.next_measurement.actions import EFFORTS, Action, Prescription, best_actions
 from wallid.discrepancy.next_measurement.added_sensor import added_sensors
-from wallid.discrepancy.next_measurement.candidate_records import LongerRecord, PresentRecord, RecordWithSensor
+from wallid.discrepancy.next_measurement.candidate_records import LongerRecord, RecordWithSensor
 from wallid.discrepancy.next_measurement.changed_records import SwappedRecord, changed_records, swapped_records
-from wallid.discrepancy.next_measurement.confusable_sets import confusable_sets, explanation_of
+from wallid.discrepancy.next_measurement.confusable_sets import confusable_sets
 from wallid.discrepancy.next_measurement.informative_records import open_diffusivities
+from wallid.discrepancy.next_measurement.present_record import PresentRecord, explanation_of
 from wallid.discrepancy.next_measurement.refits import refitted_separations
 from wallid.discrepancy.next_measurement.search import what_to_measure
 from wallid.discrepancy.next_measurement.unlogged_columns import typical_courses, unlogged_columns
@@ -61,7 +62,7 @@ def found(tmp_path_factory):
 
 def test_an_added_sensor_reads_what_a_case_with_it_predicts(found):
     (confusable,) = confusable_sets(found)
-    (added,) = added_sensors(confusable.present.fits, confusable.present.explanations, [0.22])
+    (added,) = added_sensors(confusable.present, [0.22])
     record = RecordWithSensor(confusable.present, added)
     problem, fit = record.problem, confusable.present.fits[0]
     assert [sensor.name for sensor in problem.case.sensors][:2] == ["T1", "T2"] and len(problem.case.sensors) == 3
@@ -143,7 +144,7 @@ def test_another_season_has_the_faces_of_the_typical_year(found, tmp_path):
     plan = CampaignSettings(weather=str(tmp_path / "weather.csv"), azimuth=180.0)
     problem = replace(found.problem, case=replace(found.problem.case, plan=plan))
     fits = tuple(replace(fit, problem=problem) for fit in (found.after, found.before))
-    present = PresentRecord(fits, tuple(explanation_of(fit) for fit in fits))
+    present = PresentRecord(fits)
     seasons = [one for one in changed_records(present) if one.kind == "season"]
     assert len(seasons) == 6 and seasons[0].parameters() == {"start": 1}
     winter, summer = seasons[0].problem.record, seasons[3].problem.record
@@ -241,6 +242,6 @@ def test_the_best_actions_weigh_probability_and_effort():
 
 def test_the_present_record_has_its_length_and_noise(found):
     fits = (found.after,)
-    present = PresentRecord(fits, tuple(explanation_of(fit) for fit in fits))
+    present = PresentRecord(fits)
     assert present.days == pytest.approx(SPEC.days) and present.whitening is found.after.noise.whitening
     assert np.allclose(present.explanations[0].predicted, found.problem.binned(found.after.predicted))

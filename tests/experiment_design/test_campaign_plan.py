@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 import wallid
+from wallid._internal.number_formats import counted, date_of
 from wallid._internal.progress import no_progress
 from wallid.case.planned_campaign import CampaignSettings
 from wallid.case.wizard_plan import PlanAnswers, new_plan, parse_azimuth, parse_indoor
@@ -23,7 +24,7 @@ from wallid.experiment_design.campaign_plan.expected_intervals import (
     chance_of_uninformative,
     half_width,
 )
-from wallid.experiment_design.campaign_plan.plan_result import Curve, counted, date_of
+from wallid.experiment_design.campaign_plan.plan_result import Curve
 from wallid.experiment_design.campaign_plan.plan_search import plan_campaign
 from wallid.records.weather_year import HOURS, WeatherYear, read_weather_year
 
@@ -250,7 +251,7 @@ def test_the_accuracy_of_the_case_has_the_interval_of_the_plan(folder):
     """At the stated standard deviations the tolerances have the error of the plan itself."""
     text = CASE.replace('plates = ["right"]\n', "").replace("sensors = 2", "sensors = 1")
     (folder / "inside.toml").write_text(text)
-    found = plan_campaign(wallid.load_campaign(folder / "inside.toml"), no_progress)
+    found = plan_campaign(wallid.load_campaign(folder / "inside.toml"), read_weather_year(TMY3), no_progress)
     for one, stated in zip(found.tolerances, (0.002, 0.05), strict=True):
         expected = found.errors[len(found.errors) // 2].diffusivity
         assert one.errors[one.values.index(stated)] == pytest.approx(expected)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import math
 import re
 from typing import Any
@@ -135,3 +136,14 @@ def terminal_text(text: str, encoding: str | None) -> str:
 
 def _power_of_ten(match: re.Match[str]) -> str:
     return f" × 10{str(int(match[1])).translate(_SUPERSCRIPTS)}"
+
+
+def date_of(day: int) -> str:
+    """A day of a year that is no leap year, from 1 on, as text, such as "3 February"."""
+    date = datetime.date(2023, 1, 1) + datetime.timedelta(days=day - 1)
+    return f"{date.day} {date:%B}"
+
+
+def counted(number: int, noun: str) -> str:
+    """A number with its noun: "1 sensor", "2 sensors", "no plate"."""
+    return f"{number or 'no'} {noun}{'s' if number > 1 else ''}"

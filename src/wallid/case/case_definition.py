@@ -17,7 +17,7 @@ from ..records.dataframe_table import with_time_column
 from ..records.uniform_record import Record
 from .case_tables import RECORD_OPTIONS, parse_choices, parse_record, parse_sensors, parse_wall, sensor_tables
 from .options import Choices, check_choices
-from .planned_campaign import CampaignSettings
+from .planned_campaign import CampaignSettings, PlannedCampaign, first_or_typical
 from .wall_and_sensors import Sensor, Wall, check_sensors
 
 if TYPE_CHECKING:
@@ -180,10 +180,16 @@ class Case(ResultObject):
         return cls(name, Path(record.file), wall, tuple(sensors), record, choices, tuple(learning), description)
 
     @property
-    def weather_file(self) -> Path:
-        """The weather file of `plan`; a relative path is relative to the case file."""
-        assert self.plan is not None
-        return self.path.parent / self.plan.weather
+    def planned_campaign(self) -> PlannedCampaign:
+        """The wall and its `plan`, without the record.
+
+        Raises:
+            InputError: the case has no plan.
+        """
+        if self.plan is None:
+            raise InputError(f"{self.path}: has no [plan]")
+        sensor = first_or_typical(self.sensors)
+        return PlannedCampaign(self.name, self.path, self.wall, self.plan, sensor, self.choices, self.description)
 
     def to_dict(self) -> dict[str, Any]:
         """Wall, sensors, options and a description of the record, as plain values."""

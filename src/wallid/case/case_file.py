@@ -24,7 +24,7 @@ from .._internal.validation import (
 from ..records.table_columns import read_uniform_table
 from .case_definition import Case, LearningSignal
 from .case_tables import parse_choices, parse_record, parse_sensors, parse_wall
-from .planned_campaign import TYPICAL_SENSOR, CampaignSettings, PlannedCampaign
+from .planned_campaign import CampaignSettings, PlannedCampaign, first_or_typical
 from .wall_and_sensors import check_sensors
 
 _EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -39,13 +39,7 @@ def load(path_or_name: str | os.PathLike[str]) -> Case:
     Raises:
         InputError: a field of the case or a cell of the record is missing or invalid.
     """
-    path = _find(path_or_name)
-    with error_context(str(path)):
-        try:
-            content = path.read_bytes()
-        except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror or error}") from error
-    return case_of(content, path)
+    return case_of(*_content_and_path(path_or_name))
 
 
 def case_of(content: bytes, path: Path) -> Case:
@@ -89,13 +83,7 @@ def load_campaign(path_or_name: str | os.PathLike[str]) -> PlannedCampaign:
     Raises:
         InputError: the file cannot be read, has no `[plan]`, or a field is invalid.
     """
-    path = _find(path_or_name)
-    with error_context(str(path)):
-        try:
-            content = path.read_bytes()
-        except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror or error}") from error
-    return campaign_of(content, path)
+    return campaign_of(*_content_and_path(path_or_name))
 
 
 def campaign_of(content: bytes, path: Path) -> PlannedCampaign:
@@ -121,7 +109,7 @@ def campaign_of(content: bytes, path: Path) -> PlannedCampaign:
             path=path,
             wall=parse_wall(document["wall"]),
             settings=_parse_plan(document["plan"]),
-            sensor=sensors[0] if sensors else TYPICAL_SENSOR,
+            sensor=first_or_typical(sensors),
             choices=parse_choices(document.get("choices", {}), sensors),
             description=description,
         )
@@ -130,6 +118,16 @@ def campaign_of(content: bytes, path: Path) -> PlannedCampaign:
 def packaged() -> tuple[str, ...]:
     """The names of the packaged cases."""
     return tuple(sorted(path.parent.name for path in _EXAMPLES.glob("*/case.toml")))
+
+
+def _content_and_path(path_or_name: str | os.PathLike[str]) -> tuple[bytes, Path]:
+    """The content of a case file, and its path."""
+    path = _find(path_or_name)
+    with error_context(str(path)):
+        try:
+            return path.read_bytes(), path
+        except OSError as error:
+            raise InputError(f"cannot be read: {error.strerror or error}") from error
 
 
 def _find(path_or_name: str | os.PathLike[str]) -> Path:

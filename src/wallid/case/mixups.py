@@ -148,7 +148,7 @@ def _peak(values: np.ndarray, step: float, period: float) -> float:
 def daily_means(case: Case, values: np.ndarray) -> np.ndarray:
     """Means over each whole day of the record; over all rows where it is shorter than a day; NaN without a value."""
     days = (case.record.time // DAY).astype(int)
-    whole = max(1, int((case.record.duration + case.record.step) // DAY))
+    whole = max(1, int(case.record.span // DAY))
     use = np.isfinite(values) & ~case.record.broken
     count = np.bincount(days[use], minlength=days[-1] + 1)
     total = np.bincount(days[use], values[use], minlength=days[-1] + 1)

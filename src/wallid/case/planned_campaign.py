@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, no_type_check
@@ -77,6 +78,11 @@ class CampaignSettings:
     def log_std(self) -> float:
         """Standard deviation of ln(diffusivity / prior)."""
         return math.log(self.uncertainty)
+
+
+def first_or_typical(sensors: Sequence[Sensor]) -> Sensor:
+    """The sensor whose standard deviations a campaign takes: the first that is stated, else `TYPICAL_SENSOR`."""
+    return sensors[0] if sensors else TYPICAL_SENSOR
 
 
 @dataclass(frozen=True)

@@ -26,17 +26,31 @@ _WIDTH = 30  # characters of a key and its value, before the comment
 
 
 @dataclass(frozen=True)
-class Answers:
-    """The user's description of a record; the dialogue asks for what is None.
+class WallAnswers:
+    """The user's description of a wall; the dialogue asks for what is None.
 
     Args:
-        time, left, right: columns of the times and of the face temperatures.
         length: of the wall, m.
-        sensors: position of each sensor, m from the left face, by column.
-        regressors: other columns by their key in `[record]`, such as "flux_left", "irradiance" or "air_outdoor".
         outside: the face outdoors, "left" or "right".
         conductivity: W/m/K; 0 where it is not known.
         prior: prior diffusivity, m2/s.
+    """
+
+    length: float | None = None
+    outside: str | None = None
+    conductivity: float | None = None
+    prior: float = DEFAULT_PRIOR
+
+
+@dataclass(frozen=True)
+class Answers(WallAnswers):
+    """The user's description of a wall and its record; the dialogue asks for what is None.
+
+    Args:
+        length, outside, conductivity, prior: as in `WallAnswers`.
+        time, left, right: columns of the times and of the face temperatures.
+        sensors: position of each sensor, m from the left face, by column.
+        regressors: other columns by their key in `[record]`, such as "flux_left", "irradiance" or "air_outdoor".
         noise: standard deviation of the sensors' noise, K.
         file_format: what the file itself does not show, such as the order of day and month.
     """
@@ -44,12 +58,8 @@ class Answers:
     time: str | None = None
     left: str | None = None
     right: str | None = None
-    length: float | None = None
     sensors: Mapping[str, float] | None = None
     regressors: Mapping[str, str] = field(default_factory=dict)
-    outside: str | None = None
-    conductivity: float | None = None
-    prior: float = DEFAULT_PRIOR
     noise: float | None = None
     file_format: FileFormat = field(default_factory=FileFormat)
 
@@ -81,17 +91,7 @@ def write_toml(
     lines = [
         *faults,
         f"# Case for `wallid check` and `wallid run`, by `wallid new` for {json.dumps(Path(record_path).name)}.",
-        "# Temperatures in degC, differences in K, everything else in SI. x = 0 is the left face.",
-        "",
-        "[wall]",
-        key_line("length", answers.length, "m, between the two faces"),
-        key_line("diffusivity_prior", answers.prior, "m2/s, initial value: brick 5e-7, stone 1e-6, concrete 7e-7"),
-        key_line("outside", answers.outside or "left", "the face outdoors"),
-        key_line(
-            "conductivity" if answers.conductivity else "# conductivity",
-            answers.conductivity or 1.0,
-            "W/m/K; heat fluxes and loads need it",
-        ),
+        *wall_lines(answers, "initial value", "heat fluxes and loads need it"),
         "",
         "[record]",
         key_line("file", record_path, "relative to the folder of this file"),
@@ -127,6 +127,29 @@ def write_toml(
         "",
     ]
     return "\n".join(lines)
+
+
+def wall_lines(answers: WallAnswers, prior: str, conductivity: str) -> list[str]:
+    """The lines of `[wall]`, with the units of the file above.
+
+    Args:
+        answers: the user's description of the wall.
+        prior: what the prior diffusivity is, for its comment.
+        conductivity: what the conductivity is for, for its comment.
+    """
+    return [
+        "# Temperatures in degC, differences in K, everything else in SI. x = 0 is the left face.",
+        "",
+        "[wall]",
+        key_line("length", answers.length, "m, between the two faces"),
+        key_line("diffusivity_prior", answers.prior, f"m2/s, {prior}: brick 5e-7, stone 1e-6, concrete 7e-7"),
+        key_line("outside", answers.outside or "left", "the face outdoors"),
+        key_line(
+            "conductivity" if answers.conductivity else "# conductivity",
+            answers.conductivity or 1.0,
+            f"W/m/K; {conductivity}",
+        ),
+    ]
 
 
 def _unused_regressor_lines(answers: Answers) -> list[str]:

@@ -12,7 +12,7 @@ from .._internal.errors import InputError
 from ..records.weather_year import read_weather_year
 from .case_file import campaign_of
 from .planned_campaign import UNHEATED, PlannedCampaign
-from .toml_writer import DEFAULT_PRIOR, key_line
+from .toml_writer import WallAnswers, key_line, wall_lines
 from .wizard import check_target, write_case_file
 from .wizard_dialogue import Ask, ask_length, decimal
 
@@ -22,30 +22,23 @@ _DIRECTIONS = {
 
 
 @dataclass(frozen=True)
-class PlanAnswers:
+class PlanAnswers(WallAnswers):
     """The user's description of a wall that is to be measured; the dialogue asks for what is None.
 
     Args:
-        length: of the wall, m.
-        outside: the face outdoors.
+        length, outside, conductivity, prior: as in `WallAnswers`; the left face is outdoors where none is stated.
         azimuth: where the outer face looks, degrees clockwise from north.
         indoor: temperature of the room, degC, or "unheated".
         sensors: the largest number of sensors inside the wall.
         plates: number of heat flux plates, 0 to 2.
         days: the longest campaign.
-        conductivity: W/m/K; None where it is not known.
-        prior: prior diffusivity, m2/s.
     """
 
-    length: float | None = None
-    outside: str = "left"
     azimuth: float | None = None
     indoor: float | str | None = None
     sensors: int | None = None
     plates: int | None = None
     days: float | None = None
-    conductivity: float | None = None
-    prior: float = DEFAULT_PRIOR
 
 
 def parse_azimuth(text: str) -> float:
@@ -137,22 +130,11 @@ def _count(text: str) -> int:
 
 def _text(weather: str, answers: PlanAnswers) -> str:
     """The text of the case file."""
-    inside = "right" if answers.outside == "left" else "left"
-    faces = [inside, answers.outside][: answers.plates or 0]  # the inner face first: no sun, no rain
+    faces = ["left", "right"] if answers.outside == "right" else ["right", "left"]  # the inner one first: no sun
     indoor = 20.0 if answers.indoor is None else answers.indoor
     lines = [
         "# Case for `wallid plan`, by `wallid new --plan`. Once there is a record, add [record] and [[sensor]].",
-        "# Temperatures in degC, differences in K, everything else in SI. x = 0 is the left face.",
-        "",
-        "[wall]",
-        key_line("length", answers.length, "m, between the two faces"),
-        key_line("diffusivity_prior", answers.prior, "m2/s, a guess: brick 5e-7, stone 1e-6, concrete 7e-7"),
-        key_line("outside", answers.outside, "the face outdoors"),
-        key_line(
-            "conductivity" if answers.conductivity else "# conductivity",
-            answers.conductivity or 1.0,
-            "W/m/K; without it that of masonry with the diffusivity",
-        ),
+        *wall_lines(answers, "a guess", "without it that of masonry with the diffusivity"),
         "",
         "[plan]",
         key_line("weather", weather, "typical year, EPW or TMY3; relative to the folder of this file"),
@@ -160,7 +142,7 @@ def _text(weather: str, answers: PlanAnswers) -> str:
         key_line("tilt", 90.0, "degrees from the horizontal"),
         key_line("indoor", indoor, 'degC, or "unheated"'),
         key_line("sensors", 2 if answers.sensors is None else answers.sensors, "at most so many inside the wall"),
-        key_line("plates", faces, "faces on which a heat flux plate can be put"),
+        key_line("plates", faces[: answers.plates or 0], "faces on which a heat flux plate can be put"),
         key_line("days", answers.days or 21.0, "the longest campaign"),
         key_line("uncertainty", 1.5, "factor by which the diffusivity may differ from its prior"),
     ]

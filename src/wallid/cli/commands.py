@@ -223,7 +223,7 @@ def _new_plan(
     try:
         answers = PlanAnswers(
             length=None if length is None else parse_length("--length", length),
-            outside=outside or "left",
+            outside=outside,
             azimuth=None if azimuth is None else parse_azimuth(azimuth),
             indoor=None if indoor is None else parse_indoor(indoor),
             conductivity=conductivity,

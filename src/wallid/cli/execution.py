@@ -5,7 +5,9 @@ from __future__ import annotations
 import shlex
 import sys
 import time as clock
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
@@ -22,9 +24,12 @@ from .._internal.xla_options import prepare_xla
 from ..case.case_definition import Case
 from ..case.case_file import load, load_campaign
 from ..case.time_window import Window, check_unbroken, window_rows
+from ..experiment_design.campaign_plan.plan_result import CampaignPlan
 from .output import print_message, print_output
-from .progress import progress_display
+from .progress import ProgressDisplay, progress_display
 from .stage_lines import key_result, stage_line
+
+_LIKELY = 0.5  # chance of an uninformative record from which a plan has status 1
 
 
 def run_command(
@@ -76,10 +81,7 @@ def run_command(
                 finished=lambda run, stage: display.line(stage_line(stage, key_result(run, stage), run.seconds[stage])),
                 **run_options,  # pyright: ignore[reportArgumentType] (typer has checked the values)
             )
-            display.step("figures", 0.9)
-            start = clock.perf_counter()
-            written = report.write_report(result, out, shlex.join(["wallid", *sys.argv[1:]]), formats=figure_formats)
-            display.line(stage_line("report", f"{len(written)} files", clock.perf_counter() - start))
+            written = _written(display, partial(report.write_report, result, out, formats=figure_formats))
     except InputError as error:
         exit_with_error(error)
     if json:
@@ -114,31 +116,43 @@ def run_plan(name: str, out: Path, json: bool, quiet: bool, formats: str) -> Non
             result = plan(campaign, progress=part_of(display.step, 0.05, 0.9))
             days = f"{result.days:g} days, sensors at {', '.join(f'{x:.3g} m' for x in result.positions) or 'no place'}"
             display.line(stage_line("plan", days, clock.perf_counter() - start))
-            display.step("figures", 0.9)
-            start = clock.perf_counter()
-            written = report.write_plan(result, out, shlex.join(["wallid", *sys.argv[1:]]), formats=figure_formats)
-            display.line(stage_line("report", f"{len(written)} files", clock.perf_counter() - start))
+            written = _written(display, partial(report.write_plan, result, out, formats=figure_formats))
     except InputError as error:
         exit_with_error(error)
     if json:
         print_output((out / "result.json").read_text("utf-8"), end="")
     elif not quiet:
-        text = terminal_text(str(result), sys.stdout.encoding)
-        names = ", ".join(path.name for path in written)
-        print_output(f"{text}\n\nwrote        {names} to {written[0].parent}")
+        print_output("\n".join(_summary(result, written)))
     if result.uninformative > _LIKELY:
         raise typer.Exit(1)
 
 
-_LIKELY = 0.5  # chance of an uninformative record from which a plan has status 1
+def _written(display: ProgressDisplay, write: Callable[..., list[Path]]) -> list[Path]:
+    """Write the files of a command, and show the line of this stage.
+
+    Args:
+        display: of the command.
+        write: writes them; it takes the command line.
+    """
+    display.step("figures", 0.9)
+    start = clock.perf_counter()
+    written = write(command=shlex.join(["wallid", *sys.argv[1:]]))
+    display.line(stage_line("report", f"{len(written)} files", clock.perf_counter() - start))
+    return written
 
 
-def _print_summary(result: workflow.Run, name: str, written: list[Path]) -> None:
-    """Print the results, the names of the written files, and the command to run next."""
+def _summary(result: workflow.Run | CampaignPlan, written: list[Path]) -> list[str]:
+    """The results, and the names of the written files."""
     text = terminal_text(str(result), sys.stdout.encoding)
     lines = [text, f"\nwrote        {', '.join(path.name for path in written)} to {written[0].parent}"]
     if previous := [path.name for path in written if path.name.startswith("report-")]:
         lines.append(f"kept         the report of an earlier command in this folder, as {previous[0]}")
+    return lines
+
+
+def _print_summary(result: workflow.Run, name: str, written: list[Path]) -> None:
+    """Print the results, the names of the written files, and the command to run next."""
+    lines = _summary(result, written)
     missing = result.screening is not None and bool(result.screening.missing)
     advice = f"next         wallid diagnose {shlex.quote(name)}:"
     if missing or "wallid diagnose" in result.unreliable_reason:

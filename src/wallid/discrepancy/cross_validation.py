@@ -74,7 +74,7 @@ def held_out(problem: DiagnosisProblem, events: Iterable[tuple[float, float]] = 
             the blocks least affected are held out.
     """
     time = problem.record.time
-    if problem.record.duration + problem.record.step < 3 * DAY:
+    if problem.record.span < 3 * DAY:
         return None
     days = (time // DAY).astype(int)
     block = days // max(1, (days[-1] + 1) // _BLOCKS)

@@ -165,7 +165,7 @@ def _refit_with_noise(problem: DiagnosisProblem, noise: NoiseCovariance, start: 
         start: logarithm of the first diffusivity over the prior one.
     """
     parameters = problem.parameters.with_values({LOG_DIFFUSIVITY: start})
-    own = problem.noise_shape(parameters).covariance_of(noise.white, noise.autocorrelated, noise.correlation)
+    own = problem.noise_shape(parameters).covariance_like(noise)
     return refit(problem, (), parameters, own)
 
 

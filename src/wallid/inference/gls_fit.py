@@ -264,6 +264,6 @@ class GLSFit:
         """The part of the readings' covariance due to the faces: their noise and what they do between rows, K2."""
         shape = self.noise_shape
         only = NoiseShape(np.zeros_like(shape.response), shape.bins, shape.sensor_std, 0.0, shape.face_errors)
-        sensors = only.covariance_of(self.noise.white, self.noise.autocorrelated, self.noise.correlation).covariance
+        sensors = only.covariance_like(self.noise).covariance
         present = self.noise_shape.counts.T.reshape(-1) > 0
         return (self.noise.covariance - sensors) * np.outer(present, present)

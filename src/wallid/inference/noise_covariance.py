@@ -237,6 +237,10 @@ class NoiseShape:
         rms = float(np.sqrt(self._noise_power(white, autocorrelated, rho).sum() / self.present.sum()))
         return NoiseCovariance(white, autocorrelated, rho, whitening, R, rms)
 
+    def covariance_like(self, noise: NoiseCovariance) -> NoiseCovariance:
+        """The covariance with the variances and the autocorrelation of another one."""
+        return self.covariance_of(noise.white, noise.autocorrelated, noise.correlation)
+
     def stated_covariance(self) -> NoiseCovariance:
         """The covariance with all noise white and as stated."""
         return self.covariance_of(1.0, 0.0, 0.8)

@@ -164,6 +164,10 @@ class Parameters(eqx.Module):
             new[self.indices(values)] = list(values.values())
         return eqx.tree_at(lambda p: p.values, self, on_device(new))
 
+    def with_known_values(self, values: Mapping[str, Any]) -> Parameters:
+        """The same parameters with the values of those that are here; others of the mapping are left out."""
+        return self.with_values({name: values[name] for name in self.names if name in values})
+
     def estimating(self, names: Iterable[str]) -> Parameters:
         """The same parameters, of which only these are estimated."""
         mask = np.zeros(len(self), bool)

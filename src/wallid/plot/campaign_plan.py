@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from .._internal.number_formats import counted
 from ..experiment_design.campaign_plan.expected_intervals import half_width
 from ..experiment_design.campaign_plan.plan_result import CampaignPlan
 from .house_style import BLUE, GREY, ORANGE, axes_or_new, sensor_colour
@@ -43,10 +44,10 @@ def interval_by_days(plan: CampaignPlan, *, ax: Axes | None = None) -> Axes:
     Returns:
         The Axes.
     """
-    ax = axes_or_new(ax)
+    ax, plates = axes_or_new(ax), len(plan.campaign.settings.plates)
     for k, curve in enumerate(plan.curves):
-        name = f"{curve.sensors} sensor" if curve.sensors == 1 else f"{curve.sensors} sensors"
-        name += f" and {len(plan.campaign.settings.plates)} plate(s)" if plan.campaign.settings.plates else ""
+        name = counted(curve.sensors, "sensor")
+        name += f" and {counted(plates, 'plate')}" if plates else ""
         widths = _widths(curve.errors)
         ax.plot(curve.days, _widths(curve.median), "o-", ms=3.5, color=sensor_colour(k), label=name)
         ax.fill_between(curve.days, widths.min(axis=1), widths.max(axis=1), color=sensor_colour(k), alpha=0.15, lw=0)

@@ -127,6 +127,11 @@ class Record(ResultObject):
         return float(self.time[-1] - self.time[0])
 
     @property
+    def span(self) -> float:
+        """From the first row to the end of the last, s: the rows times the step."""
+        return self.duration + self.step
+
+    @property
     def start(self) -> RecordStart:
         """When the record begins."""
         first = self.stamps[0]

@@ -9,9 +9,9 @@ from importlib.metadata import version
 from matplotlib.figure import Figure
 
 from .. import plot
-from .._internal.number_formats import format_text
+from .._internal.number_formats import counted, date_of, format_text
 from .._internal.visible_text import visible_text
-from ..experiment_design.campaign_plan.plan_result import CampaignPlan, counted, date_of
+from ..experiment_design.campaign_plan.plan_result import CampaignPlan
 from .page import page_environment
 from .svg import DrawnFigure, data_uris
 

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import io
 import json
-import math
 import os
 import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .._internal.errors import InputError
 from .._internal.interrupts import give_up_if_interrupted, signals_held, written
 from ..experiment_design.campaign_plan.plan_result import CampaignPlan
 from ..workflow import Run
 from .result_json import SCHEMA, result_entries
+
+if TYPE_CHECKING:
+    from .svg import DrawnFigure
 
 FORMATS = ("png", "svg", "pdf")
 """Formats of figure files."""
@@ -65,8 +67,7 @@ def write_report(run: Run, out: str | Path, command: str = "", formats: Sequence
     Raises:
         InputError: the folder cannot be created or written.
     """
-    with _errors_name_the_folder(Path(out)):
-        return write_files(_contents(run, command, formats), out, command)
+    return write_files(_contents(run, command, formats), out, command)
 
 
 def write_plan(plan: CampaignPlan, out: str | Path, command: str = "", formats: Sequence[str] = ("png",)) -> list[Path]:
@@ -86,22 +87,18 @@ def write_plan(plan: CampaignPlan, out: str | Path, command: str = "", formats: 
     from .svg import draw_figure
 
     drawn = [draw_figure(stem, figure, formats) for stem, figure in plan_figures(plan)]
-    files = {f"{one.stem}.{kind}": content for one in drawn for kind, content in one.files.items()}
+    files = _figure_files(drawn)
     entries: dict[str, Any] = {"schema": SCHEMA, "case": plan.campaign.name, "diffusivity": None, "verdict": None}
     entries |= {"plan": plan.to_dict()} | ({"command": command} if command else {})
     entries["files"] = [*files, "report.html", "result.json"]
     files["report.html"] = render_plan_page(plan, drawn, command).encode()
-    files["result.json"] = (_as_json(_finite(entries)) + "\n").encode()
+    files["result.json"] = (_as_json(entries) + "\n").encode()
     return write_files(files, out, command)
 
 
-def _finite(value: Any) -> Any:
-    """A value of result.json with null in the place of each number that is not finite."""
-    if isinstance(value, dict):
-        return {key: _finite(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(one) for one in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def _figure_files(figures: Sequence[DrawnFigure]) -> dict[str, bytes]:
+    """The contents of the figures' files by name."""
+    return {f"{one.stem}.{kind}": content for one in figures for kind, content in one.files.items()}
 
 
 def write_files(files: dict[str, bytes], out: str | Path, command: str) -> list[Path]:
@@ -268,7 +265,7 @@ def _contents(run: Run, command: str, formats: Sequence[str]) -> dict[str, bytes
 
     figures = [*stage_figures(run), *(diagnosis_figures(run.diagnosis) if run.diagnosis is not None else ())]
     drawn_figures = [draw_figure(stem, figure, formats) for stem, figure in figures]
-    files = {f"{drawn.stem}.{kind}": content for drawn in drawn_figures for kind, content in drawn.files.items()}
+    files = _figure_files(drawn_figures)
     names = [*files, "report.html", *(("model.npz",) if run.learned is not None else ()), "result.json"]
     entries = result_entries(run) | ({"command": command} if command else {}) | {"files": names}
     files["report.html"] = render_page(run, entries, drawn_figures, command).encode()

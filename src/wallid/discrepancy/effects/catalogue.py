@@ -80,3 +80,8 @@ def untestable(sensors: int, logged: Collection[str]) -> dict[str, tuple[str, ..
         if absent and effect.name != "heat_source":
             missing.setdefault(effect.name, set()).update(absent)
     return {name: tuple(sorted(absent)) for name, absent in missing.items()}
+
+
+def unlogged(sensors: int, logged: Collection[str]) -> list[str]:
+    """The regressors that would make further effects testable."""
+    return sorted({name for needed in untestable(sensors, logged).values() for name in needed})

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from ...experiment_design.campaign_plan.plan_result import date_of
+from ..._internal.number_formats import date_of
 from ..problem import EffectParameters
 
 ActionKind = Literal["sensor", "column", "longer", "season", "shade", "swap", "heating"]
@@ -48,10 +48,6 @@ class Action:
         """The entry of result.json."""
         numbers = {"days": self.days, "probability": self.probability, "effort": self.effort}
         return {"kind": self.kind, **self.parameters, **numbers}
-
-    def with_probability(self, probability: float) -> Action:
-        """The same action with another probability."""
-        return replace(self, probability=probability)
 
     @property
     def words(self) -> str:
@@ -97,9 +93,6 @@ _COLUMN_WORDS = {
     "irradiance": "irradiance on the outer face",
     "air_outdoor": "outdoor air temperature",
     "air_indoor": "indoor air temperature",
-    "wind": "wind",
-    "rain": "rain",
-    "heating": "heating",
 }
 
 

@@ -21,6 +21,7 @@ from ...inference.parameters import Parameters, kind_of, target_of
 from ..effect_fit import EffectFit
 from ..model_with_effects import face_impulse_response, linearise
 from ..problem import DiagnosisProblem
+from .present_record import PresentRecord
 from .separation import Explanation
 
 _OWN_ERRORS = (SensorOffsets.kind, SensorPositions.kind)
@@ -51,30 +52,28 @@ def another_sensor(problem: DiagnosisProblem, position: float) -> Sensor:
     return replace(typical, name=name, position=position)
 
 
-def added_sensors(
-    fits: Sequence[EffectFit], explanations: Sequence[Explanation], positions: Sequence[float]
-) -> Iterator[AddedSensor]:
+def added_sensors(present: PresentRecord, positions: Sequence[float]) -> Iterator[AddedSensor]:
     """One more sensor at each of some places.
 
     Args:
-        fits: of one problem, with one noise.
-        explanations: the readings of the present sensors by each fit.
+        present: the record without it, and its fits.
         positions: m from the left face.
     """
-    problem = fits[0].problem
-    size = problem.sensor_count
+    fits, problem, size = present.fits, present.problem, present.problem.sensor_count
+    # as in `DiagnosisProblem.noise_shape`, at the stated positions
+    stated = _with_stated_faces(fits[0].parameters, SensorPositions.kind)
+    response_of_present = face_impulse_response(problem.model, stated)
     for first in range(0, len(positions), size):
         some = positions[first : first + size]
         parameters = [_moved(fit.parameters, problem.case.sensors, some) for fit in fits]
-        # as in `DiagnosisProblem.noise_shape`, at the stated positions
         response = face_impulse_response(problem.model, _with_stated_faces(parameters[0]))
-        present = face_impulse_response(problem.model, _with_stated_faces(fits[0].parameters, SensorPositions.kind))
         predictions = [_Prediction.of(fit, at) for fit, at in zip(fits, parameters, strict=True)]
         for slot, position in enumerate(some):
             sensor = another_sensor(problem, position)
-            both = np.concatenate([present, response[:, :, slot : slot + 1]], axis=2)
+            both = np.concatenate([response_of_present, response[:, :, slot : slot + 1]], axis=2)
             extended = tuple(
-                prediction.extend(one, sensor, slot) for prediction, one in zip(predictions, explanations, strict=True)
+                prediction.extend(one, sensor, slot)
+                for prediction, one in zip(predictions, present.explanations, strict=True)
             )
             yield AddedSensor(sensor, slot, _whitening(fits[0], sensor, slot, both), extended)
 
@@ -142,7 +141,7 @@ class _Prediction:
 
 def _whitening(fit: EffectFit, sensor: Sensor, like: int, response: np.ndarray) -> np.ndarray:
     """W of all readings with those of one more sensor, which has them in the rows of the sensor `like`."""
-    problem, noise = fit.problem, fit.noise
+    problem = fit.problem
     observed, present = (np.asarray(rows) for rows in (problem.bins.observed, problem.bins.present))
     bins = BinnedReadings(
         on_device(np.column_stack([observed, observed[:, like]])),
@@ -152,4 +151,4 @@ def _whitening(fit: EffectFit, sensor: Sensor, like: int, response: np.ndarray) 
     stds = np.array([one.noise_std for one in (*problem.case.sensors, sensor)])
     errors = problem.case.record.face_errors
     shape = noise_shape_of_record(problem.record, response, bins, problem.spacing, stds, errors)
-    return shape.covariance_of(noise.white, noise.autocorrelated, noise.correlation).whitening
+    return shape.covariance_like(fit.noise).whitening

@@ -4,51 +4,23 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ..._internal.units import DAY
 from ...inference.parameters import Parameters
 from ..effect_fit import EffectFit
 from ..problem import DiagnosisProblem, diagnosis_problem
 from .actions import ActionKind
 from .added_sensor import AddedSensor, added_sensors
+from .present_record import PresentRecord
 from .separation import Explanation
 
 _SHARES = np.linspace(0.1, 0.9, 9)  # of the wall's length, at which a sensor is tried
 _LENGTHS = (1.5, 2.0, 3.0, 4.0, 6.0)  # of a longer record, in lengths of the present one
 _LONGEST = 366.0  # days
-
-
-@dataclass(frozen=True, eq=False)
-class PresentRecord:
-    """The record of a diagnosis, and what some fits predict for its readings.
-
-    Args:
-        fits: of one problem, with one noise.
-        explanations: the readings by each fit.
-    """
-
-    fits: tuple[EffectFit, ...] = field(repr=False)
-    explanations: tuple[Explanation, ...] = field(repr=False)
-
-    @property
-    def problem(self) -> DiagnosisProblem:
-        """The case prepared for the search."""
-        return self.fits[0].problem
-
-    @property
-    def whitening(self) -> np.ndarray:
-        """W of the readings."""
-        return self.fits[0].noise.whitening
-
-    @property
-    def days(self) -> float:
-        """Length of the record, days."""
-        return (self.problem.record.duration + self.problem.record.step) / DAY
 
 
 class CandidateRecord(ABC):
@@ -83,6 +55,11 @@ class CandidateRecord(ABC):
         return self.present.whitening
 
     @cached_property
+    def whitened_explanations(self) -> tuple[Explanation, ...]:
+        """The same readings, whitened."""
+        return tuple(one.whitened(self.whitening) for one in self.explanations)
+
+    @cached_property
     @abstractmethod
     def problem(self) -> DiagnosisProblem:
         """The next record, over one length of the present one, prepared for a diagnosis."""
@@ -94,8 +71,9 @@ class CandidateRecord(ABC):
     def next_parameters(self, fit: EffectFit) -> Parameters:
         """The parameters of the next record with the values of a fit; others keep their neutral values."""
         parameters = self.problem.parameters
-        own = {self.next_name(name): value for name, value in fit.parameters.to_dict().items()}
-        return parameters.with_values({name: own[name] for name in parameters.names if name in own})
+        return parameters.with_known_values(
+            {self.next_name(name): value for name, value in fit.parameters.to_dict().items()}
+        )
 
 
 class LongerRecord(CandidateRecord):
@@ -120,6 +98,11 @@ class LongerRecord(CandidateRecord):
     def explanations(self) -> tuple[Explanation, ...]:
         """Those of the present record."""
         return self.present.explanations
+
+    @cached_property
+    def whitened_explanations(self) -> tuple[Explanation, ...]:
+        """Those of the present record, whitened once for all lengths."""
+        return self.present.whitened_explanations
 
     @cached_property
     def problem(self) -> DiagnosisProblem:
@@ -175,7 +158,7 @@ class RecordWithSensor(CandidateRecord):
 def records_with_sensor(present: PresentRecord) -> Iterator[RecordWithSensor]:
     """A record with one more sensor at each of nine places across the wall."""
     positions = (_SHARES * present.problem.case.wall.length).tolist()
-    for added in added_sensors(present.fits, present.explanations, positions):
+    for added in added_sensors(present, positions):
         yield RecordWithSensor(present, added)
 
 

@@ -22,9 +22,8 @@ from ...case.case_definition import Case
 from ...case.time_window import diagnosis_window
 from ...case.wall_and_sensors import SIDES
 from ...experiment_design.campaign_plan.typical_case import (
-    CAPACITY_OF_MASONRY,
     campaign_irradiance,
-    campaign_of_case,
+    conductivity_of,
     indoor_temperature,
     typical_case,
 )
@@ -57,7 +56,7 @@ def heated(problem: DiagnosisProblem, diffusivity: float) -> DiagnosisProblem:
         diffusivity: m2/s.
     """
     record, wall = problem.record, problem.case.wall
-    conductivity = wall.effective_conductivity or (wall.heat_capacity or CAPACITY_OF_MASONRY) * diffusivity
+    conductivity = conductivity_of(wall, diffusivity)
     since = record.time - record.time[record.rows // 3]
     warming = _warming(since, conductivity, diffusivity) - _warming(
         since - HEATING_HOURS * 3600.0, conductivity, diffusivity
@@ -77,7 +76,7 @@ def in_season(problem: DiagnosisProblem, weather: WeatherYear, start: int, diffu
         diffusivity: m2/s.
     """
     case, record = problem.case, problem.record
-    campaign = campaign_of_case(case)
+    campaign = case.planned_campaign
     typical = typical_case(campaign, weather, diffusivity, [sensor.position for sensor in case.sensors], ())
     hours = start + record.time / 3600.0
 

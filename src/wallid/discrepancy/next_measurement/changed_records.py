@@ -17,8 +17,9 @@ from ...records.weather_year import HOURS, WeatherYear, read_weather_year
 from ..effect_fit import EffectFit
 from ..model_with_effects import linearise
 from ..problem import DiagnosisProblem, diagnosis_problem
-from .candidate_records import CandidateRecord, PresentRecord, with_profile_of
+from .candidate_records import CandidateRecord, with_profile_of
 from .changed_faces import HEATING_HOURS, HEATING_POWER, heated, in_season, shaded
+from .present_record import PresentRecord
 from .separation import Explanation
 
 _INSTRUMENT_ERRORS = ("sensor_lag", "sensor_offset", "sensor_gain", "sensor_drift")
@@ -143,8 +144,7 @@ class SwappedRecord(_ChangedRecord):
     def whitening(self) -> np.ndarray:
         """W of the exchanged readings."""
         first = self.present.fits[0]
-        noise, shape = first.noise, self.problem.noise_shape(self.next_parameters(first))
-        return shape.covariance_of(noise.white, noise.autocorrelated, noise.correlation).whitening
+        return self.problem.noise_shape(self.next_parameters(first)).covariance_like(first.noise).whitening
 
 
 def changed_records(present: PresentRecord) -> Iterator[CandidateRecord]:
@@ -154,7 +154,7 @@ def changed_records(present: PresentRecord) -> Iterator[CandidateRecord]:
     if "irradiance" in problem.record.regressors:
         yield ShadedRecord(present)
     if problem.case.plan is not None:
-        weather = read_weather_year(problem.case.weather_file)
+        weather = read_weather_year(problem.case.planned_campaign.weather_file)
         rows = int(np.ceil(24 * present.days)) + 1
         starts = 24 * np.linspace(0, (HOURS - 24 - rows) // 24, _SEASONS).astype(int) if rows < HOURS - 24 else []
         yield from (SeasonRecord(present, weather, int(start)) for start in starts)

@@ -17,7 +17,7 @@ from ...inference.likelihood import LOG_DIFFUSIVITY
 from ..acceptance import FIRST_EFFECT_LEVEL
 from ..candidate_fits import CandidateFits
 from ..effect_fit import linearised_at
-from ..effects.catalogue import untestable
+from ..effects.catalogue import unlogged
 from ..problem import EffectParameters, diagnosis_problem
 from ..score_test import CandidateScores
 from .unlogged_columns import typical_courses
@@ -35,8 +35,7 @@ def columns_to_log(case: Case, window: Window, logged: dict[str, np.ndarray]) ->
     """
     if not case.sensors:  # a diagnosis needs a temperature inside
         return {}
-    needed = untestable(len(case.sensors), ())
-    columns = sorted({column for columns in needed.values() for column in columns} | {"heating"})
+    columns = sorted({*unlogged(len(case.sensors), ()), "heating"})
     part = case.record.window(window.row, min(window.rows, _LONGEST))
     courses = typical_courses(part, SIDES.index(case.wall.outside))
     courses |= {name: values[window.row : window.row + part.rows] for name, values in logged.items()}

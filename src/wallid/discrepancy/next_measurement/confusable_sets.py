@@ -8,17 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
-from ..._internal.units import DAY
-from ...inference.likelihood import LOG_DIFFUSIVITY
-from ..acceptance import FIRST_EFFECT_LEVEL, RIVAL, bic_penalty, penalised_cost
+from ..acceptance import FIRST_EFFECT_LEVEL, RIVAL, penalised_cost
 from ..effect_fit import EffectFit
 from ..effect_results import NamedEffect
-from ..effects.material import DiffusivityDrift
-from ..effects.sensors import SensorDrift
 from ..findings import Findings
 from ..problem import EffectParameters
-from .candidate_records import CandidateRecord, PresentRecord
-from .separation import Explanation, Growth, Separation, separation
+from .candidate_records import CandidateRecord
+from .present_record import PresentRecord
+from .separation import Separation, separation
 
 _FAR_BEHIND = 30.0  # of the penalised cost; a rival that far behind the best is no alternative of another record either
 
@@ -54,9 +51,9 @@ class ConfusableSet:
 
     def separations(self, candidate: CandidateRecord) -> tuple[Separation, ...]:
         """How the others fall behind each of the effects where it is the true one, by the derivatives."""
-        explanations = candidate.explanations
+        explanations = candidate.whitened_explanations
         return tuple(
-            separation(true, [one for one in explanations if one is not true], candidate.whitening, candidate.length)
+            separation(true, [one for one in explanations if one is not true], candidate.length)
             for true in explanations[: len(self.effects)]
         )
 
@@ -77,8 +74,7 @@ def confusable_sets(findings: Findings) -> Iterator[ConfusableSet]:
         limit = penalised_cost(findings.after) + _FAR_BEHIND
         further = [fit for effect, fit in best.items() if effect not in alternatives and penalised_cost(fit) < limit]
         fits = (findings.after, *(best[effect] for effect in alternatives), *further, named.without)
-        present = PresentRecord(fits, tuple(explanation_of(fit) for fit in fits))
-        yield ConfusableSet((own, *alternatives), present, findings.scores.threshold(FIRST_EFFECT_LEVEL))
+        yield ConfusableSet((own, *alternatives), PresentRecord(fits), findings.scores.threshold(FIRST_EFFECT_LEVEL))
 
 
 def _best_by_effect(named: NamedEffect) -> dict[EffectParameters, EffectFit]:
@@ -87,39 +83,3 @@ def _best_by_effect(named: NamedEffect) -> dict[EffectParameters, EffectFit]:
     for fit in sorted(named.exchanged, key=penalised_cost):
         best.setdefault(next(effect for effect in fit.active if effect not in named.without.active), fit)
     return best
-
-
-def explanation_of(fit: EffectFit) -> Explanation:
-    """The binned readings by a fit, linear about it."""
-    parameters = fit.parameters
-    mask = np.asarray(parameters.estimated)
-    jacobian, _ = fit.unwhitened()
-    return Explanation(
-        fit.problem.binned(fit.predicted),
-        jacobian,
-        np.asarray(parameters.values)[mask],
-        np.asarray(parameters.prior_std)[mask],
-        bic_penalty(fit, fit.active),
-        _growth(fit, jacobian),
-    )
-
-
-def _growth(fit: EffectFit, jacobian: np.ndarray) -> Growth | None:
-    """What the drifts of a fit add from one length of the record to the next, to first order."""
-    problem, growth = fit.problem, None
-    days = (problem.record.duration + problem.record.step) / DAY
-    for one in fit.active:
-        rate, per_unit = one.names[0], None
-        if isinstance(one.effect, SensorDrift):
-            per_unit = np.repeat(
-                np.arange(problem.sensor_count) == one.effect.sensor, len(jacobian) // problem.sensor_count
-            )
-        elif isinstance(one.effect, DiffusivityDrift):
-            per_unit = jacobian[:, fit.index(LOG_DIFFUSIVITY)]
-        if per_unit is None:
-            continue
-        column = np.zeros_like(jacobian)
-        column[:, fit.index(rate)] = days * per_unit
-        own = Growth(days * per_unit * float(fit.parameters[rate]), column)
-        growth = own if growth is None else Growth(*(a + b for a, b in zip(growth, own, strict=True)))
-    return growth

@@ -11,18 +11,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy
 
+from ...experiment_design.campaign_plan.expected_intervals import chance_of_uninformative
 from ...inference.likelihood import LOG_DIFFUSIVITY
 from ..effect_fit import linearised_at
 from ..findings import Findings
-from .candidate_records import CandidateRecord, PresentRecord
-from .confusable_sets import explanation_of
+from .candidate_records import CandidateRecord
+from .present_record import PresentRecord
 
 _POINTS = 3  # diffusivities
 _FARTHEST = 4.0  # factor of the prior diffusivity, beyond which none is taken
-_NOISE_LOG_STD = 0.15  # of the size of the noise in the next record
-_QUANTILE = 1.96
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +38,8 @@ class OpenDiffusivities:
     def probability(self, candidate: CandidateRecord) -> float:
         """The probability that a record is informative."""
         index = self.present.fits[0].index(LOG_DIFFUSIVITY)
-        stds = np.array([one.std(index, candidate.whitening, candidate.length) for one in candidate.explanations])
-        largest = np.log(self.largest_ratio) / (2.0 * _QUANTILE)
-        return float(np.mean(scipy.special.ndtr(np.log(largest / stds) / _NOISE_LOG_STD)))
+        stds = [one.std(index, candidate.length) for one in candidate.whitened_explanations]
+        return 1.0 - chance_of_uninformative(stds, self.largest_ratio)
 
 
 def open_diffusivities(findings: Findings) -> OpenDiffusivities:
@@ -55,5 +52,4 @@ def open_diffusivities(findings: Findings) -> OpenDiffusivities:
         linearised_at(problem, (), plain.parameters.with_values({LOG_DIFFUSIVITY: np.log(value)}), plain.noise)
         for value in values
     )
-    present = PresentRecord(fits, tuple(explanation_of(fit) for fit in fits))
-    return OpenDiffusivities(present, problem.case.choices.largest_interval_factor)
+    return OpenDiffusivities(PresentRecord(fits), problem.case.choices.largest_interval_factor)

@@ -41,9 +41,10 @@ def plan(campaign: PlannedCampaign, *, progress: Progress | None = None) -> Camp
         >>> print(found.positions, found.days, found.expected["diffusivity"])
     """
     with shown_progress(progress) as report:
-        found = plan_campaign(campaign, part_of(report, 0.0, 0.6))
-        report("plan: the columns to log", 0.6)
+        report("plan: reading the weather", 0.0)
         weather = read_weather_year(campaign.weather_file)
+        found = plan_campaign(campaign, weather, part_of(report, 0.0, 0.6))
+        report("plan: the columns to log", 0.6)
         logged = {
             "irradiance": campaign_irradiance(campaign, weather),
             "air_outdoor": weather.air,

@@ -45,9 +45,8 @@ def lengthened_separations(
 def _refitted(confusable: ConfusableSet, candidate: CandidateRecord, k: int, derivative: Separation) -> Separation:
     """The refits where effect k of the set is the true one."""
     problem, fits = candidate.problem, confusable.present.fits
-    true, noise = fits[k], fits[0].noise
-    shape = problem.noise_shape(candidate.next_parameters(true))
-    covariance = shape.covariance_of(noise.white, noise.autocorrelated, noise.correlation)
+    true = fits[k]
+    covariance = problem.noise_shape(candidate.next_parameters(true)).covariance_like(fits[0].noise)
     exact = _with_readings_of(candidate, true)
 
     def cost(fit: EffectFit) -> float:

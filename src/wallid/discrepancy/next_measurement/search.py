@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from ..findings import Findings
 from .actions import EFFORTS, Action, ActionKind, Prescription, best_actions, score
-from .candidate_records import CandidateRecord, LongerRecord, PresentRecord, longer_records, records_with_sensor
+from .candidate_records import CandidateRecord, LongerRecord, longer_records, records_with_sensor
 from .changed_records import changed_records, swapped_records
 from .confusable_sets import ConfusableSet, confusable_sets
 from .informative_records import open_diffusivities
+from .present_record import PresentRecord
 from .refits import lengthened_separations, refitted_separations
 from .unlogged_columns import unlogged_columns
 
@@ -58,7 +60,7 @@ def _for_confusable(
                 if isinstance(record, LongerRecord)
                 else refitted_separations(confusable, record)
             )
-            action = action.with_probability(confusable.probability(exact))
+            action = replace(action, probability=confusable.probability(exact))
         actions.append(action)
     now = confusable.probability(exact_repeat)
     labels = tuple(present.problem.label(one.effect) for one in confusable.effects)
@@ -78,7 +80,7 @@ def _for_uninformative(findings: Findings, efforts: Mapping[str, float]) -> Pres
 
 def _for_unlogged(findings: Findings, efforts: Mapping[str, float]) -> Iterator[Prescription]:
     """For each column that was not logged: whether an effect that needs it would be named with it."""
-    days = PresentRecord((findings.before,), ()).days
+    days = PresentRecord((findings.before,)).days
     for one in unlogged_columns(findings):
         action = Action("column", {"column": one.column}, days, efforts["column"], one.probability)
         labels = tuple(one.problem.label(effect.effect) for effect in one.effects)

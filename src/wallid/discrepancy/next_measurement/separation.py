@@ -21,8 +21,8 @@ Source: A. C. Atkinson, V. V. Fedorov, Biometrika 62 (1975), 57 (designs that di
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -48,8 +48,8 @@ class Explanation:
     """The readings that one explanation predicts, linear in its parameters.
 
     Args:
-        predicted: readings, K, `(reading,)`.
-        jacobian: derivative by each parameter, K per unit, `(reading, param)`.
+        predicted: readings, K; or whitened ones, dimensionless, `(reading,)`.
+        jacobian: derivative by each parameter, per unit, `(reading, param)`.
         values: of the parameters minus their prior means, `(param,)`.
         prior_std: of the parameters, infinite where there is no prior, `(param,)`.
         penalty: on `-2 log L`, for the positions, hours and temperatures that were searched.
@@ -63,34 +63,34 @@ class Explanation:
     penalty: float = 0.0
     growth: Growth | None = field(default=None, repr=False)
 
-    def residual(
-        self, true: Explanation, whitening: Float[np.ndarray, "reading reading"], length: float
-    ) -> Float[np.ndarray, " row"]:
-        """The whitened residual of the best fit to the readings of a true explanation, with the prior residuals below.
+    def whitened(self, whitening: Float[np.ndarray, "reading reading"]) -> Explanation:
+        """The same for the readings times W, with `W' W` the inverse covariance of the readings."""
+        growth = None if self.growth is None else Growth(*(whitening @ part for part in self.growth))
+        return replace(self, predicted=whitening @ self.predicted, jacobian=whitening @ self.jacobian, growth=growth)
+
+    def residual(self, true: Explanation, length: float) -> Float[np.ndarray, " row"]:
+        """The residual of the best fit to the readings of a true explanation, with the prior residuals below.
 
         Args:
-            true: whose readings are fitted, without noise.
-            whitening: W, with `W' W` the inverse covariance of the readings.
+            true: whose readings are fitted, without noise. Both are whitened.
             length: of the record, in lengths of that of the readings.
         """
-        precision = 1.0 / self.prior_std
-        misfits, slopes = [], []
-        for k in range(math.ceil(length)):
-            root = math.sqrt(min(length - k, 1.0))
-            misfits.append(root * (whitening @ (true.predicted_in(k) - self.predicted_in(k))))
-            slopes.append(root * (whitening @ self.jacobian_in(k)))
-        misfit = np.concatenate([*misfits, -precision * self.values])
-        slope = np.concatenate([*slopes, np.diag(precision)])
-        slope = slope / np.maximum(np.linalg.norm(slope, axis=0), 1e-300)
-        return misfit - slope @ np.linalg.lstsq(slope, misfit, rcond=1e-10)[0]
+        misfits = [root * (true.predicted_in(k) - self.predicted_in(k)) for k, root in _parts(length)]
+        misfit = np.concatenate([*misfits, -self.values / self.prior_std])
+        slopes, _ = self._scaled_slopes(length)
+        return misfit - slopes @ np.linalg.lstsq(slopes, misfit, rcond=1e-10)[0]
 
-    def std(self, param: int, whitening: Float[np.ndarray, "reading reading"], length: float) -> float:
-        """The expected standard error of a parameter, by its index; `whitening` and `length` as in `residual`."""
-        slopes = [math.sqrt(min(length - k, 1.0)) * (whitening @ self.jacobian_in(k)) for k in range(math.ceil(length))]
-        slope = np.concatenate([*slopes, np.diag(1.0 / self.prior_std)])
-        size = np.maximum(np.linalg.norm(slope, axis=0), 1e-300)
-        inverse = np.linalg.pinv(slope / size, rcond=1e-10)
-        return float(np.linalg.norm(inverse[param]) / size[param])
+    def std(self, param: int, length: float) -> float:
+        """The expected standard error of a parameter, by its index, from whitened readings; `length` as before."""
+        slopes, size = self._scaled_slopes(length)
+        return float(np.linalg.norm(np.linalg.pinv(slopes, rcond=1e-10)[param]) / size[param])
+
+    def _scaled_slopes(self, length: float) -> tuple[np.ndarray, np.ndarray]:
+        """The derivatives in a record of a length with the rows of the priors below, of norm 1, and their norms."""
+        parts = [root * self.jacobian_in(k) for k, root in _parts(length)]
+        slopes = np.concatenate([*parts, np.diag(1.0 / self.prior_std)])
+        size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
+        return slopes / size, size
 
     def predicted_in(self, k: int) -> Float[np.ndarray, " reading"]:
         """The readings in the length k of a longer record."""
@@ -99,6 +99,11 @@ class Explanation:
     def jacobian_in(self, k: int) -> Float[np.ndarray, "reading param"]:
         """Their derivatives."""
         return self.jacobian if self.growth is None else self.jacobian + k * self.growth.jacobian
+
+
+def _parts(length: float) -> Iterator[tuple[int, float]]:
+    """The number of each length of a longer record, and the root of its share: the last may be a part."""
+    return ((k, math.sqrt(min(length - k, 1.0))) for k in range(math.ceil(length)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,21 +144,18 @@ class Separation:
         return float(np.mean(np.all(excess > criteria, axis=1)))
 
 
-def separation(
-    true: Explanation, rivals: Sequence[Explanation], whitening: Float[np.ndarray, "reading reading"], length: float
-) -> Separation:
-    """How rivals fall behind a true explanation in a record with this noise.
+def separation(true: Explanation, rivals: Sequence[Explanation], length: float) -> Separation:
+    """How rivals fall behind a true explanation.
 
     Args:
-        true: the true explanation.
-        rivals: the others.
-        whitening: as in `Explanation.residual`.
+        true: the true explanation, whitened.
+        rivals: the others, whitened.
         length: of the record, in lengths of that of the predictions.
     """
-    own = true.residual(true, whitening, length)
-    rests = [rival.residual(true, whitening, length) for rival in rivals]
+    own = true.residual(true, length)
+    rests = [rival.residual(true, length) for rival in rivals]
     excess = np.array([rest @ rest - own @ own for rest in rests])
-    readings = len(whitening) * math.ceil(length)
+    readings = len(true.predicted) * math.ceil(length)
     differences = np.array([rest[:readings] - own[:readings] for rest in rests]).reshape(len(rests), readings)
     penalties = np.array([rival.penalty - true.penalty for rival in rivals])
     return Separation(excess, differences @ differences.T, penalties)

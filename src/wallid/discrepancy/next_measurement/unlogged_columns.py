@@ -17,13 +17,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...case.time_window import diagnosis_window
 from ...case.wall_and_sensors import SIDES
 from ...records.uniform_record import Record
 from ..acceptance import FIRST_EFFECT_LEVEL, RIVAL
 from ..candidate_fits import CandidateFits
 from ..effect_fit import EffectFit, refit
-from ..effects.catalogue import untestable
+from ..effects.catalogue import unlogged
 from ..findings import Findings
 from ..problem import DiagnosisProblem, EffectParameters, diagnosis_problem
 from ..record_forcing import hours_of_day
@@ -53,8 +52,7 @@ class UnloggedColumn:
 
 def unlogged_columns(findings: Findings) -> Iterator[UnloggedColumn]:
     """Each column that would make a further effect testable, with the chance that it would be named."""
-    needed = untestable(findings.problem.sensor_count, findings.problem.record.regressors)
-    columns = sorted({column for columns in needed.values() for column in columns})
+    columns = unlogged(findings.problem.sensor_count, findings.problem.record.regressors)
     if not columns:
         return
     scores = _scores_with(findings.before, columns)
@@ -69,13 +67,10 @@ def unlogged_columns(findings: Findings) -> Iterator[UnloggedColumn]:
 def _scores_with(plain: EffectFit, columns: list[str]) -> CandidateScores:
     """The score test of the library with typical courses of some columns."""
     case = plain.problem.case
-    window = diagnosis_window(case)
     typical = typical_courses(case.record, SIDES.index(case.wall.outside))
     record = replace(case.record, regressors=dict(case.record.regressors) | {key: typical[key] for key in columns})
     problem = diagnosis_problem(replace(case, record=record))
-    own = plain.parameters.to_dict()
-    parameters = problem.parameters.with_values({name: own[name] for name in problem.parameters.names if name in own})
-    assert problem.record.rows == window.rows
+    parameters = problem.parameters.with_known_values(plain.parameters.to_dict())
     return CandidateFits(problem).score_candidates(refit(problem, (), parameters, plain.noise))
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -89,7 +89,7 @@ class TypicalYear:
         indexed: list[tuple[int, Contribution]] = []
         for k in instruments.sensors:
             own = self.case.sensors[k]
-            own = own if sensor is None else _like(sensor, own)
+            own = own if sensor is None else replace(sensor, name=own.name, position=own.position)
             indexed.append((k, contributions.contribution(start, k, own)))
         if instruments.plates:
             window = Window(int(self.starts[start]), rows)
@@ -111,16 +111,6 @@ class TypicalYear:
                 self.case, predicted, self.starts, rows, bin_rows, known_between_rows=True
             )
         return self._contributions[key]
-
-
-def _like(sensor: Sensor, own: Sensor) -> Sensor:
-    return Sensor(
-        own.name,
-        own.position,
-        noise_std=sensor.noise_std,
-        position_std=sensor.position_std,
-        offset_std=sensor.offset_std,
-    )
 
 
 def _errors_of(matrix: Float[np.ndarray, "param param"], conductivity: int | None) -> RelativeErrors:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..._internal.html import html_table
-from ..._internal.number_formats import value_and_std
+from ..._internal.number_formats import counted, date_of, value_and_std
 from ..._internal.result_object import ResultObject, plain_value
 from ...case.case_definition import Case
 from ...case.planned_campaign import PlannedCampaign
@@ -22,7 +21,7 @@ from .typical_case import conductivity_of
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-_WORTH_TELLING = 1.2  # ratio of two intervals from which a season or an accuracy is mentioned
+_WORTH_TELLING = 1.2  # ratio of two intervals from which another season is mentioned
 _FEWEST = 3.0  # days, since no day is like another
 _TOLERATED = 1.1  # ratio to the narrowest interval that an accuracy may cost
 
@@ -264,25 +263,9 @@ class CampaignPlan(ResultObject):
 
     def _repr_html_(self) -> str:
         rows = [
-            (
-                "sensors",
-                ", ".join(f"{position:.3g}" for position in self.positions) or "none",
-                "from the left face",
-                "m",
-            ),
+            ("sensors", self._sensors_text, "", ""),
             ("plates", ", ".join(self.plates) or "none", "", ""),
             ("days", f"{self.days:g}", f"from {date_of(self.start)} on", "d"),
             *((name, f"{100 * value:.2g}", "expected half width, 95 %", "%") for name, value in self.expected.items()),
         ]
         return html_table(f"Plan of {self.campaign.name}", rows)
-
-
-def date_of(day: int) -> str:
-    """A day of the year as text, such as "3 February"."""
-    date = datetime.date(2023, 1, 1) + datetime.timedelta(days=day - 1)
-    return f"{date.day} {date:%B}"
-
-
-def counted(number: int, noun: str) -> str:
-    """A number with its noun: "1 sensor", "2 sensors", "no plate"."""
-    return f"{number or 'no'} {noun}{'s' if number > 1 else ''}"

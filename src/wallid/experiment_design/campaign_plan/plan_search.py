@@ -12,7 +12,7 @@ from ..._internal.progress import Progress
 from ..._internal.units import DAY
 from ...case.planned_campaign import PlannedCampaign
 from ...case.time_window import Window
-from ...records.weather_year import HOURS, read_weather_year
+from ...records.weather_year import HOURS, WeatherYear
 from .expected_intervals import Instruments, RelativeErrors, TypicalYear
 from .plan_result import CampaignPlan, Curve, Season, Tolerance
 from .typical_case import day_of_year, sampling_step, typical_case
@@ -34,13 +34,13 @@ class PlanSearch:
 
     Args:
         campaign: the wall and what may be measured.
+        weather: of the typical year.
         report: of the progress.
     """
 
-    def __init__(self, campaign: PlannedCampaign, report: Progress):
-        self.campaign, self.wall = campaign, campaign.wall
+    def __init__(self, campaign: PlannedCampaign, weather: WeatherYear, report: Progress):
+        self.campaign, self.wall, self.weather = campaign, campaign.wall, weather
         self.report, self.days = report, campaign.settings.days
-        self.weather = read_weather_year(campaign.weather_file)
         positions = (_SHARES * self.wall.length).tolist()
         last = HOURS - round(self.days * 24)
         self.starts = 24 * np.unique(np.linspace(0, max(last, 0) / 24, _STARTS).astype(int))
@@ -54,10 +54,6 @@ class PlanSearch:
     def errors(self, start: int, days: float, instruments: Instruments) -> list[RelativeErrors]:
         """The expected standard errors at each diffusivity."""
         return [year.errors(start, days, instruments) for year in self.years]
-
-    def error(self, start: int, days: float, instruments: Instruments) -> float:
-        """The median standard error of ln(diffusivity) over the diffusivities."""
-        return float(np.median([one.diffusivity for one in self.errors(start, days, instruments)]))
 
     def places(self) -> list[Instruments]:
         """The best set of each number of sensors, with all plates: each adds a sensor to the one before."""
@@ -89,7 +85,7 @@ class PlanSearch:
         return Curve(len(instruments.sensors), tuple(lengths), np.array(errors))
 
 
-def plan_campaign(campaign: PlannedCampaign, report: Progress) -> CampaignPlan:
+def plan_campaign(campaign: PlannedCampaign, weather: WeatherYear, report: Progress) -> CampaignPlan:
     """How to instrument a wall before there is a record.
 
     The wall is put into the weather of a typical year. Of each campaign the interval of an estimate is expected from
@@ -98,16 +94,13 @@ def plan_campaign(campaign: PlannedCampaign, report: Progress) -> CampaignPlan:
 
     Args:
         campaign: from `wallid.load_campaign`.
+        weather: of the typical year.
         report: called as `report(text, share)` with the step that begins and the completed share, 0 to 1.
 
     Returns:
         sensors, plates, sampling step, days and first day, each with what it would give.
-
-    Raises:
-        InputError: the weather file cannot be read.
     """
-    report("plan: reading the weather", 0.0)
-    search = PlanSearch(campaign, report)
+    search = PlanSearch(campaign, weather, report)
     sets = search.places()
     report("plan: choosing the first day and the length", 0.6)
     start = search.best_start(search.days, sets[-1])

@@ -25,7 +25,7 @@ from jaxtyping import Float
 from ..._internal.units import DAY
 from ...case.case_definition import Case
 from ...case.options import Choices
-from ...case.planned_campaign import TYPICAL_SENSOR, UNHEATED, PlannedCampaign
+from ...case.planned_campaign import UNHEATED, PlannedCampaign
 from ...case.wall_and_sensors import SIDES, Wall
 from ...models.finite_volume_wall import Output, finite_volume_model
 from ...models.flux_plates import FLUX_NOISE_STD
@@ -57,13 +57,6 @@ def sampling_step(campaign: PlannedCampaign) -> float:
     """The longest usual step with twenty rows in the wall's slowest time constant, at most an hour, s."""
     constant = (campaign.wall.length / math.pi) ** 2 / campaign.wall.diffusivity_prior
     return max(step for step in _STEPS if step <= max(constant / _ROWS_PER_TIME_CONSTANT, _STEPS[0]))
-
-
-def campaign_of_case(case: Case) -> PlannedCampaign:
-    """The campaign of a case that has `[plan]` beside its record."""
-    assert case.plan is not None
-    sensor = case.sensors[0] if case.sensors else TYPICAL_SENSOR
-    return PlannedCampaign(case.name, case.path, case.wall, case.plan, sensor, case.choices, case.description)
 
 
 def campaign_irradiance(campaign: PlannedCampaign, weather: WeatherYear) -> Float[np.ndarray, " hour"]:
