@@ -290,7 +290,7 @@ def lasting(days, step):
     """A study of which only the record's rows are there."""
     time = np.arange(round(days * DAY / step)) * step
     study = object.__new__(DiagnosisProblem)
-    object.__setattr__(study, "record", SimpleNamespace(time=time, duration=float(time[-1]), step=float(time[1])))
+    object.__setattr__(study, "record", SimpleNamespace(time=time, span=len(time) * float(time[1])))
     return study
 
 

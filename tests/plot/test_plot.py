@@ -74,7 +74,7 @@ def _contrast(one, other):
 
 def test_lines_and_marks_stand_out_on_white_and_on_the_dark_page():
     """WCAG 2.2, 1.4.11: 3:1 on white; on the dark page, which has its own colours, 4.5:1 as for text."""
-    template = resources.files("wallid.report").joinpath("templates/report.html").read_text("utf-8")
+    template = resources.files("wallid.report").joinpath("templates/head.html").read_text("utf-8")
     white, dark = re.findall(r"--paper: (#\w{6})", template)
     assert _style.contrast("black", "white") == pytest.approx(21.0)
     for name, tint in MARKS.items():

@@ -67,7 +67,8 @@ def write_report(run: Run, out: str | Path, command: str = "", formats: Sequence
     Raises:
         InputError: the folder cannot be created or written.
     """
-    return write_files(_contents(run, command, formats), out, command)
+    with _errors_name_the_folder(Path(out)):  # drawing a figure may use the disk too
+        return write_files(_contents(run, command, formats), out, command)
 
 
 def write_plan(plan: CampaignPlan, out: str | Path, command: str = "", formats: Sequence[str] = ("png",)) -> list[Path]:
@@ -83,17 +84,8 @@ def write_plan(plan: CampaignPlan, out: str | Path, command: str = "", formats: 
     Raises:
         InputError: the folder cannot be created or written.
     """
-    from .plan_page import plan_figures, render_plan_page
-    from .svg import draw_figure
-
-    drawn = [draw_figure(stem, figure, formats) for stem, figure in plan_figures(plan)]
-    files = _figure_files(drawn)
-    entries: dict[str, Any] = {"schema": SCHEMA, "case": plan.campaign.name, "diffusivity": None, "verdict": None}
-    entries |= {"plan": plan.to_dict()} | ({"command": command} if command else {})
-    entries["files"] = [*files, "report.html", "result.json"]
-    files["report.html"] = render_plan_page(plan, drawn, command).encode()
-    files["result.json"] = (_as_json(entries) + "\n").encode()
-    return write_files(files, out, command)
+    with _errors_name_the_folder(Path(out)):
+        return write_files(_contents_of_plan(plan, command, formats), out, command)
 
 
 def _figure_files(figures: Sequence[DrawnFigure]) -> dict[str, bytes]:
@@ -273,5 +265,20 @@ def _contents(run: Run, command: str, formats: Sequence[str]) -> dict[str, bytes
         model = io.BytesIO()
         run.learned.system.save(model)
         files["model.npz"] = model.getvalue()
+    files["result.json"] = (_as_json(entries) + "\n").encode()
+    return files
+
+
+def _contents_of_plan(plan: CampaignPlan, command: str, formats: Sequence[str]) -> dict[str, bytes]:
+    """The contents of all files of a planned campaign by name, `result.json` last."""
+    from .plan_page import plan_figures, render_plan_page
+    from .svg import draw_figure
+
+    drawn = [draw_figure(stem, figure, formats) for stem, figure in plan_figures(plan)]
+    files = _figure_files(drawn)
+    entries: dict[str, Any] = {"schema": SCHEMA, "case": plan.campaign.name, "diffusivity": None, "verdict": None}
+    entries |= {"plan": plan.to_dict()} | ({"command": command} if command else {})
+    entries["files"] = [*files, "report.html", "result.json"]
+    files["report.html"] = render_plan_page(plan, drawn, command).encode()
     files["result.json"] = (_as_json(entries) + "\n").encode()
     return files
