@@ -9,9 +9,10 @@ relative to the wall's effective values, so that one effective diffusivity `L^2 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -22,6 +23,8 @@ from .state_space import StateSpace, require_x64
 ArrayLike = Array | np.ndarray
 Number = float | Array
 
+HEAT_PLACES = ("left", "right", "wall")
+"""Where heat can be released in a model: the third next to a face, or the whole wall."""
 _STENCIL = 4  # nodes of a cubic, so that interpolation between nodes adds no second-order error
 _MIN_CELLS = 3  # in a layer, so that a cubic fits into each
 
@@ -109,6 +112,7 @@ def finite_volume_model(
     film: tuple[Number, Number] = (0.0, 0.0),
     node_positions: Float[ArrayLike, " node"] | None = None,
     cells: Sequence[int] | None = None,
+    heat: Sequence[str] = (),
 ) -> StateSpace:
     """The wall as a `StateSpace` whose inputs are its two boundary temperatures (left, right).
 
@@ -125,6 +129,8 @@ def finite_volume_model(
             air temperature, and the face is a state: `k dT/dn = h (T_air - T_face)`, n outward.
         node_positions: x*, both faces included; None for those of `grid`.
         cells: the number of cells of each layer; None for those of `layer_cells`, which needs the layers' values.
+        heat: places of `HEAT_PLACES`; each is one more input, which does not scale with Fo: heat of equal power per
+            volume in that part. A unit raises the part's mean temperature by 1 per t_ref at the wall's mean capacity.
 
     Returns:
         the model with its nodes' capacities; `modal()` of it has a diagonal A.
@@ -143,7 +149,7 @@ def finite_volume_model(
     state, coupling, drive = _coupling_matrices(1.0 / resistance, [one / wall.length for one in film], has_film)
     capacity = cell_capacity[state]
     direct = rows[:, [0, -1]] * np.where(has_film, 0.0, 1.0)
-    return StateSpace(
+    model = StateSpace(
         A=coupling / capacity[:, None],
         B=drive / capacity[:, None],
         C=rows[:, state],
@@ -152,6 +158,27 @@ def finite_volume_model(
         capacity=on_device(capacity),
         output_names=tuple(output.name for output in outputs),
     )
+    return _with_heat_inputs(model, _heat_of_cells(positions, heat)[state] / capacity[:, None]) if heat else model
+
+
+def _with_heat_inputs(model: StateSpace, heat: Float[ArrayLike, "node place"]) -> StateSpace:
+    """The model with inputs of heat after its own, which do not scale with Fo."""
+    no_heat = ((0, 0), (0, heat.shape[1]))
+    return replace(
+        model,
+        B=jnp.pad(model.B, no_heat),
+        D=jnp.pad(model.D, no_heat),
+        B0=jnp.pad(on_device(heat), ((0, 0), (model.B.shape[1], 0))),
+        driven=model.driven + (True,) * heat.shape[1],
+    )
+
+
+def _heat_of_cells(node_positions: Any, places: Sequence[str]) -> Any:
+    """The share of each node's cell that lies in each place: its length within the place, `(node, place)`."""
+    xp = numpy_for(node_positions)
+    bounds = xp.concatenate([np.zeros(1), 0.5 * (node_positions[1:] + node_positions[:-1]), np.ones(1)])
+    parts = {"left": (0.0, 1.0 / 3.0), "right": (2.0 / 3.0, 1.0), "wall": (0.0, 1.0)}
+    return xp.stack([xp.diff(xp.clip(bounds, *parts[place])) for place in places], axis=1)
 
 
 def _coupling_matrices(

@@ -1,0 +1,134 @@
+"""A disturbance as further states: against SciPy's matrix exponential, quadrature, and the balance of heat."""
+
+import hypothesis
+import hypothesis.strategies as st
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy
+from numpy.testing import assert_allclose
+
+import wallid
+from wallid.models.disturbance import MaternProcess, gaussian_step, heat_input, with_disturbance, without_heat
+from wallid.models.exponential_solver import step_map
+from wallid.models.finite_volume_wall import HEAT_PLACES, Output, finite_volume_model
+from wallid.models.integration import propagate
+
+LENGTH = 0.3
+LAYERS = (
+    wallid.Layer(0.1, conductivity=0.5, heat_capacity=1.0e6),
+    wallid.Layer(0.2, conductivity=1.5, heat_capacity=2.0e6),
+)
+SMOOTHNESS = ("matern-1/2", "matern-3/2")
+
+
+def wall_model(nodes=41, layers=(), places=HEAT_PLACES):
+    wall = wallid.Wall(length=LENGTH, diffusivity_prior=5e-7, layers=layers)
+    outputs = [Output(0.1), Output(0.0, "flux"), Output(LENGTH, "flux")]
+    return finite_volume_model(wall, outputs, nodes=nodes, heat=places)
+
+
+def dense(step, time):
+    """Transition and noise by one large matrix exponential (Van Loan), of rates that do not overflow it."""
+    F, L = step
+    n = len(F)
+    full = scipy.linalg.expm(time * np.block([[F, L @ L.T], [np.zeros((n, n)), -F.T]]))
+    return full[:n, :n], full[:n, n:] @ full[:n, :n].T
+
+
+@pytest.mark.parametrize("smoothness", SMOOTHNESS)
+def test_the_states_have_the_covariance_of_the_process(smoothness):
+    process = MaternProcess(2.0, 0.3, smoothness)
+    lag = np.linspace(0.0, 2.0, 21)
+    by_states = [(process.transition(t) @ process.stationary_covariance)[0, 0] for t in lag]
+    assert_allclose(by_states, process.covariance(jnp.asarray(lag)), rtol=1e-12)
+    for t in (0.01, 0.7):
+        assert_allclose(process.transition(t), scipy.linalg.expm(t * np.asarray(process.rate_matrix)), atol=1e-13)
+    F, P = np.asarray(process.rate_matrix), np.asarray(process.stationary_covariance)
+    white = F @ P + P @ F.T
+    assert_allclose(white.ravel()[:-1], 0.0, atol=1e-12)
+    assert white[-1, -1] < 0.0
+
+
+@pytest.mark.parametrize("layers", [(), LAYERS])
+@pytest.mark.parametrize(("place", "to_left"), [("left", 5 / 6), ("right", 1 / 6), ("wall", 1 / 2)])
+def test_steady_heat_leaves_through_the_faces(place, to_left, layers):
+    """A homogeneous wall passes heat to its faces in proportion to the distance to the other face."""
+    system = wall_model(201, layers).modal()
+    column = np.asarray(system.B0)[:, heat_input(place)]
+    gain = -np.asarray(system.C) @ (column / np.asarray(system.A))
+    released = 1.0 if place == "wall" else 1 / 3
+    assert gain[2] - gain[1] == pytest.approx(released, rel=2e-3)
+    if not layers:
+        assert -gain[1] == pytest.approx(to_left * released, rel=5e-3)
+
+
+def test_a_unit_of_heat_warms_its_part_by_one():
+    """Before heat flows, the part's temperature rises by one per unit of time, at the wall's mean capacity."""
+    system = wall_model(301)
+    rise = np.asarray(system.B0)[:, 2:]
+    x = np.linspace(0, 1, 301)[1:-1]
+    for k, (low, high) in enumerate(((0, 1 / 3), (2 / 3, 1), (0, 1))):
+        inside = (x > low + 0.01) & (x < high - 0.01)
+        assert_allclose(rise[inside, k], 1.0, rtol=1e-12)
+        assert not rise[(x < low - 0.01) | (x > high + 0.01), k].any()
+
+
+@hypothesis.settings(deadline=None, max_examples=25)
+@hypothesis.given(
+    smoothness=st.sampled_from(SMOOTHNESS),
+    place=st.sampled_from(HEAT_PLACES),
+    log_time_constant=st.floats(-5.0, 2.0),
+    log_step=st.floats(-6.0, -1.0),
+)
+def test_the_step_is_exact(smoothness, place, log_time_constant, log_step):
+    """Against the exponential of the whole matrix; and the noise against Van Loan's."""
+    system, fourier, step = wall_model(9).modal(), 1.3, float(np.exp(log_step))
+    process = MaternProcess(0.7, float(np.exp(log_time_constant)), smoothness)
+    one = gaussian_step(system, fourier, step, process, heat_input(place))
+    whole = with_disturbance(system, process, heat_input(place))
+    rate = fourier * np.asarray(whole.A) + np.asarray(whole.A0)
+    P = np.asarray(process.stationary_covariance)
+    white = -(np.asarray(process.rate_matrix) @ P + P @ np.asarray(process.rate_matrix).T)[-1, -1]
+    L = np.zeros((len(rate), 1))
+    L[-1] = np.sqrt(white)
+    transition, noise = dense((rate, L), step)
+    assert_allclose(one.transition, transition, atol=1e-11, rtol=1e-9)
+    scale = np.sqrt(np.diag(np.asarray(one.initial)[-process.order :, -process.order :]).max())
+    assert_allclose(one.noise, noise, atol=1e-10 * max(1.0, scale**2))
+    by_expm = step_map(whole, jnp.asarray(fourier), jnp.asarray(step), sensitivity=False, cubic=True)
+    assert_allclose(one.W0, by_expm.W0, atol=1e-10)
+    assert_allclose(one.W1, by_expm.W1, atol=1e-10)
+
+
+def test_a_mode_as_slow_as_the_disturbance():
+    """The step at equal rates is the limit of those beside them."""
+    system = wall_model(9).modal()
+    slowest = -float(np.max(np.asarray(system.A)))
+    steps = [
+        gaussian_step(system, 1.0, 0.05, MaternProcess(1.0, factor / slowest), heat_input("wall"))
+        for factor in (1.0 - 1e-5, 1.0, 1.0 + 1e-5)
+    ]
+    for part in ("transition", "noise"):
+        before, equal, after = (np.asarray(getattr(one, part)) for one in steps)
+        assert_allclose(equal, 0.5 * (before + after), atol=1e-9)
+
+
+def test_the_model_with_a_disturbance_is_the_same_wall():
+    """Without heat its outputs are those of the wall; it is integrated by the same functions."""
+    system = wall_model(21).modal()
+    whole = with_disturbance(system, MaternProcess(1.0, 0.1), heat_input("left"))
+    inputs = np.random.default_rng(0).standard_normal((50, 2)).cumsum(axis=0)
+    outputs = [
+        propagate(one, 0.8, 0.02, inputs, jnp.array([1.0, 0.5, -0.2]))[0] for one in (whole, without_heat(system))
+    ]
+    assert_allclose(outputs[0], outputs[1], atol=1e-10)
+
+
+def test_a_model_without_inputs_of_heat_is_refused():
+    system = wall_model(9, places=()).modal()
+    assert system.B0 is None and system.driven == (True, True)
+    with pytest.raises(ValueError, match="inputs of heat"):
+        gaussian_step(system, 1.0, 0.1, MaternProcess(1.0, 0.1), 2)
+    with pytest.raises(ValueError, match="in its modes"):
+        with_disturbance(wall_model(9), MaternProcess(1.0, 0.1), 2)
