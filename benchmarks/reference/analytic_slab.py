@@ -8,6 +8,7 @@ Solids, 1959, 3.3 and 3.5).
 """
 
 import numpy as np
+from scipy.integrate import simpson
 from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 
@@ -48,6 +49,37 @@ def fluxes(faces: np.ndarray, step: float, diffusivity: float) -> np.ndarray:
     left = change - inner.sum(axis=1) + tail * (slope[:, 0] * rest[0] - slope[:, 1] * rest[1])
     right = change - (inner * (-1.0) ** n).sum(axis=1) + tail * (slope[:, 0] * rest[1] - slope[:, 1] * rest[0])
     return np.stack([left, right], axis=1)
+
+
+def heated(heat: np.ndarray, step: float, profile: np.ndarray, diffusivity: float, places: np.ndarray) -> tuple:
+    """The change of temperatures and of `-dT/d(x/L)` at both faces by heat released inside, faces held.
+
+        b_n' = -lambda_n b_n + p_n g,      p_n = 2 int p(x) sin(n pi x) dx
+
+    exact for a `g` that is straight lines between rows. Modes beyond `MODES` follow the heat at once.
+
+    Args:
+        heat: g at the rows, K/s, `(time,)`, from rest at the first row.
+        profile: p at equal distances from x = 0 to L, `(point,)`: the temperature's rate is `g p(x)`.
+        diffusivity: over L^2, 1/s. places: over L.
+
+    Returns:
+        `(time, place)` and `(time, 2)`.
+    """
+    n = np.arange(1, MODES + 1)
+    x = np.linspace(0.0, 1.0, len(profile))
+    p_n = 2.0 * simpson(profile * np.sin(np.pi * np.outer(n, x)), x=x)
+    rate = diffusivity * (n * np.pi) ** 2
+    z = rate * step
+    at_end = (z + np.expm1(-z)) / (rate * z)  # of the value at the end of a row, and at its start
+    at_start = (-np.expm1(-z) - z * np.exp(-z)) / (rate * z)
+    b = np.stack(
+        [p * lfilter([e, a], [1.0, -np.exp(-one)], heat) for p, e, a, one in zip(p_n, at_end, at_start, z, strict=True)]
+    )
+    steady = np.array([-simpson((1.0 - x) * profile, x=x), simpson(x * profile, x=x)]) / diffusivity
+    of_modes = np.stack([-n * np.pi, -n * np.pi * (-1.0) ** n], axis=1)
+    tail = steady - (p_n / rate) @ of_modes
+    return b.T @ np.sin(np.pi * np.outer(n, places)), b.T @ of_modes + heat[:, None] * tail
 
 
 def refined(faces: np.ndarray, parts: int, rows: np.ndarray | None = None) -> np.ndarray:

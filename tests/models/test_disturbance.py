@@ -9,9 +9,9 @@ import scipy
 from numpy.testing import assert_allclose
 
 import wallid
-from wallid.models.disturbance import MaternProcess, gaussian_step, heat_input, with_disturbance, without_heat
+from wallid.models.disturbance import MaternProcess, gaussian_step, with_disturbance, with_slow_modes, without_heat
 from wallid.models.exponential_solver import step_map
-from wallid.models.finite_volume_wall import HEAT_PLACES, Output, finite_volume_model
+from wallid.models.finite_volume_wall import HeatProfile, Output, finite_volume_model
 from wallid.models.integration import propagate
 
 LENGTH = 0.3
@@ -22,10 +22,13 @@ LAYERS = (
 SMOOTHNESS = ("matern-1/2", "matern-3/2")
 
 
-def wall_model(nodes=41, layers=(), places=HEAT_PLACES):
+PROFILES = (HeatProfile("wall"), HeatProfile("left", 1 / 6), HeatProfile("right", 1 / 6))
+
+
+def wall_model(nodes=41, layers=(), profiles=PROFILES):
     wall = wallid.Wall(length=LENGTH, diffusivity_prior=5e-7, layers=layers)
     outputs = [Output(0.1), Output(0.0, "flux"), Output(LENGTH, "flux")]
-    return finite_volume_model(wall, outputs, nodes=nodes, heat=places)
+    return finite_volume_model(wall, outputs, nodes=nodes, heat=profiles)
 
 
 def dense(step, time):
@@ -51,42 +54,53 @@ def test_the_states_have_the_covariance_of_the_process(smoothness):
 
 
 @pytest.mark.parametrize("layers", [(), LAYERS])
-@pytest.mark.parametrize(("place", "to_left"), [("left", 5 / 6), ("right", 1 / 6), ("wall", 1 / 2)])
-def test_steady_heat_leaves_through_the_faces(place, to_left, layers):
-    """A homogeneous wall passes heat to its faces in proportion to the distance to the other face."""
+@pytest.mark.parametrize("profile", range(3))
+def test_steady_heat_leaves_through_the_faces(profile, layers):
+    """All of it; of a homogeneous wall each part in proportion to its distance from the other face."""
     system = wall_model(201, layers).modal()
-    column = np.asarray(system.B0)[:, heat_input(place)]
-    gain = -np.asarray(system.C) @ (column / np.asarray(system.A))
-    released = 1.0 if place == "wall" else 1 / 3
-    assert gain[2] - gain[1] == pytest.approx(released, rel=2e-3)
+    gain = -np.asarray(system.C) @ (np.asarray(system.B0)[:, 2 + profile] / np.asarray(system.A))
+    assert gain[2] - gain[1] == pytest.approx(1.0, rel=0.02)
     if not layers:
-        assert -gain[1] == pytest.approx(to_left * released, rel=5e-3)
+        x, depth = np.linspace(0, 1, 20001), 1 / 6
+        density = [np.ones_like(x), np.exp(-x / depth), np.exp(-(1 - x) / depth)][profile]
+        to_left = np.trapezoid(density * (1 - x), x) / np.trapezoid(density, x)
+        assert -gain[1] == pytest.approx(to_left, rel=0.02)
 
 
-def test_a_unit_of_heat_warms_its_part_by_one():
-    """Before heat flows, the part's temperature rises by one per unit of time, at the wall's mean capacity."""
+@pytest.mark.parametrize("place", ["left", "right"])
+def test_a_profile_decays_from_its_face(place):
+    """By quadrature of its density, and to 1 over the wall."""
+    profile, x = HeatProfile(place, 0.2), np.linspace(0, 1, 4001)
+    density = np.exp(-(x if place == "left" else 1 - x) / 0.2)
+    want = scipy.integrate.cumulative_trapezoid(density, x, initial=0.0)
+    assert_allclose(profile.released_up_to(x), want / want[-1], atol=1e-6)
+
+
+def test_a_unit_of_heat_warms_the_wall_by_one():
+    """Before heat flows, the mean temperature rises by one per unit of time."""
     system = wall_model(301)
     rise = np.asarray(system.B0)[:, 2:]
     x = np.linspace(0, 1, 301)[1:-1]
-    for k, (low, high) in enumerate(((0, 1 / 3), (2 / 3, 1), (0, 1))):
-        inside = (x > low + 0.01) & (x < high - 0.01)
-        assert_allclose(rise[inside, k], 1.0, rtol=1e-12)
-        assert not rise[(x < low - 0.01) | (x > high + 0.01), k].any()
+    assert_allclose(rise[:, 0], 1.0, rtol=1e-12)
+    depth = 1 / 6
+    want = np.exp(-x / depth) / (depth * -np.expm1(-1 / depth))
+    assert_allclose(rise[:, 1], want, rtol=1e-3)
+    assert_allclose(rise[:, 2], want[::-1], rtol=1e-3)
 
 
 @hypothesis.settings(deadline=None, max_examples=25)
 @hypothesis.given(
     smoothness=st.sampled_from(SMOOTHNESS),
-    place=st.sampled_from(HEAT_PLACES),
+    profile=st.integers(0, 2),
     log_time_constant=st.floats(-5.0, 2.0),
     log_step=st.floats(-6.0, -1.0),
 )
-def test_the_step_is_exact(smoothness, place, log_time_constant, log_step):
+def test_the_step_is_exact(smoothness, profile, log_time_constant, log_step):
     """Against the exponential of the whole matrix; and the noise against Van Loan's."""
     system, fourier, step = wall_model(9).modal(), 1.3, float(np.exp(log_step))
     process = MaternProcess(0.7, float(np.exp(log_time_constant)), smoothness)
-    one = gaussian_step(system, fourier, step, process, heat_input(place))
-    whole = with_disturbance(system, process, heat_input(place))
+    one = gaussian_step(system, fourier, step, process, 2 + profile)
+    whole = with_disturbance(system, process, 2 + profile)
     rate = fourier * np.asarray(whole.A) + np.asarray(whole.A0)
     P = np.asarray(process.stationary_covariance)
     white = -(np.asarray(process.rate_matrix) @ P + P @ np.asarray(process.rate_matrix).T)[-1, -1]
@@ -106,7 +120,7 @@ def test_a_mode_as_slow_as_the_disturbance():
     system = wall_model(9).modal()
     slowest = -float(np.max(np.asarray(system.A)))
     steps = [
-        gaussian_step(system, 1.0, 0.05, MaternProcess(1.0, factor / slowest), heat_input("wall"))
+        gaussian_step(system, 1.0, 0.05, MaternProcess(1.0, factor / slowest), 2)
         for factor in (1.0 - 1e-5, 1.0, 1.0 + 1e-5)
     ]
     for part in ("transition", "noise"):
@@ -117,7 +131,7 @@ def test_a_mode_as_slow_as_the_disturbance():
 def test_the_model_with_a_disturbance_is_the_same_wall():
     """Without heat its outputs are those of the wall; it is integrated by the same functions."""
     system = wall_model(21).modal()
-    whole = with_disturbance(system, MaternProcess(1.0, 0.1), heat_input("left"))
+    whole = with_disturbance(system, MaternProcess(1.0, 0.1), 3)
     inputs = np.random.default_rng(0).standard_normal((50, 2)).cumsum(axis=0)
     outputs = [
         propagate(one, 0.8, 0.02, inputs, jnp.array([1.0, 0.5, -0.2]))[0] for one in (whole, without_heat(system))
@@ -126,9 +140,27 @@ def test_the_model_with_a_disturbance_is_the_same_wall():
 
 
 def test_a_model_without_inputs_of_heat_is_refused():
-    system = wall_model(9, places=()).modal()
+    system = wall_model(9, profiles=()).modal()
     assert system.B0 is None and system.driven == (True, True)
     with pytest.raises(ValueError, match="inputs of heat"):
         gaussian_step(system, 1.0, 0.1, MaternProcess(1.0, 0.1), 2)
     with pytest.raises(ValueError, match="in its modes"):
         with_disturbance(wall_model(9), MaternProcess(1.0, 0.1), 2)
+
+
+def test_fast_modes_follow_at_once():
+    """Without the modes that decay within a row, the response to slow heat is that of the whole model."""
+    system, fourier, step = wall_model(101).modal(), 1.0, 0.02
+    slow = with_slow_modes(system, fourier, step)
+    assert slow.order % 8 == 0 and slow.order < system.order
+    process = MaternProcess(1.0, 0.5, "matern-3/2")
+    for profile in (2, 3, 4):
+        steps = [gaussian_step(one, fourier, step, process, profile) for one in (system, slow)]
+        of_outputs = []
+        for one in steps:
+            stationary = np.asarray(one.initial)
+            for _ in range(300):
+                stationary = one.transition @ stationary @ one.transition.T + one.noise
+            of_outputs.append(np.asarray(one.C @ stationary @ one.C.T))
+        assert_allclose(of_outputs[1], of_outputs[0], atol=1e-3 * np.abs(of_outputs[0]).max())
+    assert with_slow_modes(system, fourier, 1e-5) is system

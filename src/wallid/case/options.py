@@ -43,9 +43,11 @@ class Choices:
         noise: the noise model. "estimated": standard deviation, share and correlation time of autocorrelated noise
             are estimated from the residual where it is informative. "stated": white noise as the case states it, and a
             misfit widens the interval. "robust": readings are weighted with the stated noise, and the interval is
-            computed with the noise estimated from the residual. None gives "estimated", or "robust" for a record with
-            a heat flux: the residual of a flux is a misfit of the model with a long correlation time, and generalised
-            least squares with its covariance would use the fast changes only.
+            computed with the noise estimated from the residual. None gives "estimated".
+        disturbance: heat that the model does not know, as a random process in a part of the wall. "none"; "auto": it is
+            used where the record has evidence for it; "on": it is always used. Its size, time constant and place are
+            estimated, and the interval contains their uncertainty. None gives "auto" for a record with a heat flux,
+            else "none".
         free: parameters of the wall that are estimated in addition to the diffusivity: "layers" (the conductivity of
             each layer relative to that of the first), "film_left", "film_right" (the surface resistance, where the
             column of that face is the air temperature).
@@ -69,6 +71,7 @@ class Choices:
     max_iterations: int = 100
     largest_interval_factor: float = 3.0
     noise: Literal["estimated", "stated", "robust"] | None = None
+    disturbance: Literal["none", "auto", "on"] | None = None
     free: tuple[str, ...] = ()
     efforts: Mapping[str, float] | tuple[tuple[str, float], ...] = ()
 
@@ -76,6 +79,8 @@ class Choices:
         one_of("model", self.model, ("mim", "lom"))
         if self.noise is not None:
             one_of("noise", self.noise, ("estimated", "stated", "robust"))
+        if self.disturbance is not None:
+            one_of("disturbance", self.disturbance, ("none", "auto", "on"))
         free = (self.free,) if isinstance(self.free, str) else tuple(self.free)
         for part in free:
             one_of("free", part, FREE_PARAMETERS)

@@ -138,7 +138,8 @@ class DiagnosisProblem:
         positions = parameters.of_kind(SensorPositions.kind, FacePositions.kind)
         response = face_impulse_response(self.model, parameters.with_values(dict.fromkeys(positions, 0.0)))
         errors = self.case.record.face_errors
-        return noise_shape_of_record(self.record, response, self.bins, self.spacing, sensor_std, errors)
+        face_std = self.record.boundary_noise_std
+        return noise_shape_of_record(self.record, response, self.bins, self.spacing, sensor_std, face_std, errors)
 
     def estimated_names(self, active: tuple[EffectParameters, ...]) -> tuple[str, ...]:
         """The names of the parameters that a fit with these effects estimates."""

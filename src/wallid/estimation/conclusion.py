@@ -200,6 +200,7 @@ def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[
         reduced_chi_square=best_fit.reduced_chi_square,
         noise_description=_noise_description(best_fit),
         noise_ratio=noise_ratio(best_fit),
+        disturbance=best_fit.disturbance,
         noise_rms=tuple(best_fit.noise_shape.stated_rms_of_outputs().tolist()),
         advice=tuple(text for text in (noise_advice(case, best_fit), _doubt(case, value)) if text),
         variance_shares=best_fit.variance_shares() if not reason else {},
@@ -247,6 +248,8 @@ def _noise_description(fit: GLSFit) -> str:
     """The noise that the interval is based on, as text."""
     if fit.robust is not None:
         return f"weighted as stated, the interval by {fit.robust}"
+    if fit.disturbance is not None:
+        return f"{fit.noise}, and {fit.disturbance}"
     return str(fit.noise) if fit.noise_estimated else "noise as stated"
 
 

@@ -3,13 +3,13 @@
 A flux is a further output, `j = (1 + gain) (k T_ref / L) J(u; Fo)`. Its amplitude gives the conductivity, its variation
 in time the diffusivity. For a wall of length L: `R = L / k`, areal heat capacity `L k / alpha`,
 `U = 1 / (R_si + R + R_se)`. R and the areal heat capacity depend on `k / L` and `alpha / L^2` only, so they do not
-depend on the stated length.
+depend on the stated length. A contact resistance between a face and its sensor is part of R.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -23,10 +23,12 @@ from .._internal.result_object import ResultObject, plain_value
 from ..case.case_definition import Case
 from ..case.mixups import visible_mixups
 from ..case.time_window import Window, entire_record
+from ..case.wall_and_sensors import SIDES
 from ..inference.generalised_least_squares import fit_generalised_least_squares
 from ..inference.gls_fit import GLSFit
 from ..inference.likelihood import LOG_CONDUCTIVITY, PLATE_GAIN, LikelihoodProblem, NuisanceModel
-from ..inference.parameters import target_of
+from ..inference.nuisance_parameters import ContactResistances, contact_lengths
+from ..inference.parameters import kind_of, target_of
 from ..inference.physical_bounds import PHYSICAL_BOUNDS
 from ..inference.quantity import NORMAL_95, Quantity, lognormal, quantity_frame
 from ..models.flux_plates import fluxes_of
@@ -72,8 +74,11 @@ class ThermalProperties(ResultObject):
 
     Args:
         conductivity, heat_capacity: W/m/K and J/m3/K, for the stated length.
-        resistance, areal_heat_capacity: m2 K/W and J/m2/K, face to face; independent of the stated length.
+        resistance, areal_heat_capacity: m2 K/W and J/m2/K, from sensor to sensor of the faces; independent of the
+            stated length.
         transmittance: W/m2/K, with the standard surface resistances of ISO 6946.
+        contact_resistances: of each face that has a plate, between the face and its sensor, m2 K/W; `resistance`
+            contains them.
         plate_gains: calibration error of each plate: name -> (value, std), dimensionless.
         average_methods: the average method of ISO 9869-1 for each plate.
         held_out: the second half's flux predicted from the first half; None where a half is too short or has no flux,
@@ -86,6 +91,7 @@ class ThermalProperties(ResultObject):
     resistance: Quantity
     areal_heat_capacity: Quantity
     transmittance: Quantity
+    contact_resistances: dict[str, Quantity]
     plate_gains: dict[str, tuple[float, float]]
     average_methods: tuple[AverageMethod, ...]
     held_out: HeldOutFlux | None
@@ -100,7 +106,8 @@ class ThermalProperties(ResultObject):
     def to_dict(self) -> dict[str, Any]:
         """The properties and the plates' calibration errors as plain numbers."""
         gains = {face: {"value": value, "std": std} for face, (value, std) in self.plate_gains.items()}
-        return plain_value(self.quantities | {"plate_gains": gains, "iso_9869": self.average_methods})
+        entries = {"contact_resistances": self.contact_resistances, "plate_gains": gains}
+        return plain_value(self.quantities | entries | {"iso_9869": self.average_methods})
 
     def to_frame(self) -> DataFrame:
         """One row for each property: `value`, `std`, `low` and `high` of the 95 % interval, `unit`."""
@@ -129,6 +136,10 @@ class ThermalProperties(ResultObject):
     def evidence_lines(self) -> list[str]:
         """The plates' calibration, the average method, and the prediction of the second half, line by line."""
         lines = [
+            f"contact      {face}: {one} between the face and its sensor, in the resistance"
+            for face, one in self.contact_resistances.items()
+        ]
+        lines += [
             f"plate        {face}: calibration {100 * gain + 0.0:+.1f} +- {100 * std:.1f} %"
             for face, (gain, std) in self.plate_gains.items()
         ]
@@ -166,8 +177,9 @@ def thermal_properties(case: Case, window: Window, fit: GLSFit) -> ThermalProper
         for face in fluxes_of(case)
         for value, combination in [logs[face]]
     }
-    properties = quantity("conductivity", "W/m/K"), quantity("heat_capacity", "J/m3/K")
-    return _derived_properties(case, window, *properties, gains, _second_half_prediction(case, window, fit))
+    return _derived_properties(
+        case, window, _primary(logs, quantity), gains, _second_half_prediction(case, window, fit)
+    )
 
 
 def pooled_thermal_properties(case: Case, fits: Sequence[GLSFit]) -> tuple[ThermalProperties, PooledMean]:
@@ -192,26 +204,45 @@ def pooled_thermal_properties(case: Case, fits: Sequence[GLSFit]) -> tuple[Therm
         return lognormal(math.exp(means[name].value), means[name].std ** 2, means[name].quantile, unit)
 
     gains = {face: (means[face].value, means[face].std) if face in means else (0.0, 0.0) for face in fluxes_of(case)}
-    properties = quantity("conductivity", "W/m/K"), quantity("heat_capacity", "J/m3/K")
-    return _derived_properties(case, entire_record(case), *properties, gains, None), means["conductivity"]
+    return _derived_properties(case, entire_record(case), _primary(logs[0], quantity), gains, None), means[
+        "conductivity"
+    ]
+
+
+def _primary(logs: Mapping[str, Any], quantity: Callable[[str, str], Quantity]) -> dict[str, Quantity]:
+    """The properties whose logarithms are combinations of the parameters."""
+    units = {"conductivity": "W/m/K", "heat_capacity": "J/m3/K", "resistance": "m2 K/W"}
+    units |= {name: "m2 K/W" for name in logs if kind_of(name) == ContactResistances.kind}
+    return {name: quantity(name, unit) for name, unit in units.items()}
 
 
 def _log_properties(fit: GLSFit, length: float) -> dict[str, tuple[float, np.ndarray]]:
-    """ln(conductivity), ln(heat capacity) and each plate's gain, each with its linear combination of the parameters."""
-    parameters, unit = fit.parameters, np.eye(len(fit.names))
+    """Logarithms of the properties, and each plate's gain, each with its linear combination of the parameters.
+
+    With contact resistances `r = l / k` of lengths `l`, the resistance from sensor to sensor is `(L + sum l) / k`.
+    """
+    parameters = fit.parameters
     reference = float(fit.problem.nuisance.flux[0]) / float(fit.problem.data.temperature) * length
 
     def combination(name: str) -> np.ndarray:
         """The parameter in its own unit, from the parameters in prior standard deviations."""
         if name not in fit.names:  # known exactly
             return np.zeros(len(fit.names))
-        return float(parameters.prior_std[parameters.index(name)]) * unit[fit.names.index(name)]
+        return float(parameters.prior_std[parameters.index(name)]) * (np.array(fit.names) == name)
 
     log_k, row_k = math.log(reference) + float(parameters[LOG_CONDUCTIVITY]), combination(LOG_CONDUCTIVITY)
     logs = {
         "conductivity": (log_k, row_k),
-        "heat_capacity": (log_k - math.log(fit.diffusivity), row_k - unit[0]),
+        "heat_capacity": (log_k - math.log(fit.diffusivity), row_k - (np.arange(len(fit.names)) == 0)),
     }
+    contacts = parameters.of_kind(ContactResistances.kind)
+    lengths = contact_lengths(reference, contacts, np.asarray(parameters.vector(contacts)))
+    total, of_length = length + sum(lengths), np.zeros(len(fit.names))
+    for name in contacts:
+        one = lengths[SIDES.index(target_of(name))]
+        of_length = of_length + one / total * combination(name)
+        logs[name] = (math.log(one) - log_k, combination(name) - row_k)
+    logs["resistance"] = (math.log(total) - log_k, of_length - row_k)
     gains = parameters.of_kind(PLATE_GAIN)
     return logs | {target_of(name): (float(parameters[name]), combination(name)) for name in gains}
 
@@ -219,26 +250,23 @@ def _log_properties(fit: GLSFit, length: float) -> dict[str, tuple[float, np.nda
 def _derived_properties(
     case: Case,
     window: Window,
-    conductivity: Quantity,
-    heat_capacity: Quantity,
+    primary: dict[str, Quantity],
     gains: dict[str, tuple[float, float]],
     held_out: HeldOutFlux | None,
 ) -> ThermalProperties:
-    """The properties that follow from conductivity and heat capacity, and the average method over a window."""
-    length, k = case.wall.length, conductivity
-    ends = tuple(length / end for end in k.interval_95[::-1])
-    resistance = Quantity(length / k.value, length * k.std / k.value**2, (ends[0], ends[1]), "m2 K/W")
-    low, high = (1.0 / (R + R_SURFACES) for R in ends[::-1])
+    """The properties that follow from the primary ones, and the average method over a window."""
+    length, c, resistance = case.wall.length, primary["heat_capacity"], primary["resistance"]
+    low, high = (1.0 / (R + R_SURFACES) for R in resistance.interval_95[::-1])
     U = 1.0 / (resistance.value + R_SURFACES)
-    c = heat_capacity
     areal = Quantity(length * c.value, length * c.std, (length * c.interval_95[0], length * c.interval_95[1]), "J/m2/K")
     part = case.record.window(window.row, window.rows)
     return ThermalProperties(
-        conductivity=conductivity,
-        heat_capacity=heat_capacity,
+        conductivity=primary["conductivity"],
+        heat_capacity=c,
         resistance=resistance,
         areal_heat_capacity=areal,
         transmittance=Quantity(U, U**2 * resistance.std, (low, high), "W/m2/K"),
+        contact_resistances={target_of(name): one for name, one in primary.items() if kind_of(name) == "contact"},
         plate_gains=gains,
         average_methods=tuple(
             average_method(part.faces, part.regressors[f"flux_{face}"], part.step, face, areal.value) for face in gains
@@ -255,7 +283,9 @@ def _second_half_prediction(case: Case, window: Window, fit: GLSFit) -> HeldOutF
     if half < _MIN_HALF_ROWS or not (present[:half].any() and present[half:].any()):
         return None
     model, data = fit.problem.system, window_data(case, window)
-    early = fit_generalised_least_squares(case, window, data, model, fit.diffusivity, eta=1e-6, rows_used=half)
+    early = fit_generalised_least_squares(
+        case, window, data, model, fit.diffusivity, eta=1e-6, rows_used=half, kinds=fit.kinds
+    )
     predicted, J = (
         np.asarray(part) for part in _prediction_and_jacobian(fit.problem, early.problem.nuisance, early.minimum.vector)
     )
@@ -266,6 +296,9 @@ def _second_half_prediction(case: Case, window: Window, fit: GLSFit) -> HeldOutF
     faces = fit.noise_shape.face_variance(noise.white + noise.autocorrelated, 0.0, 0.0)
     late = J[half:, -plates:][..., early.estimated_indices]
     variance = own + faces[-plates:] + np.einsum("tsp,pq,tsq->ts", late, early.covariance, late)
+    if early.noise.disturbance is not None:  # its size at the end of the first half, which is stationary by then
+        disturbance = np.diag(early.noise.disturbance).reshape(-1, early.noise_shape.bin_count)
+        variance = variance + disturbance.max(axis=1)[-plates:]
     inside = np.abs(residual) <= NORMAL_95 * np.sqrt(variance)
     return HeldOutFlux(
         coverage=float(inside[present].mean()),

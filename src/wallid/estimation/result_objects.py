@@ -16,6 +16,7 @@ from .._internal.result_object import ResultObject, plain_value
 from ..case.case_definition import Case
 from ..case.initial_profile import InitialProfile
 from ..case.time_window import Window
+from ..inference.disturbance_search import Disturbance
 from ..inference.identifiability import Identifiability
 from ..inference.parametric_bootstrap import Bootstrap
 from ..inference.quantity import NORMAL_95, Quantity, normal, quantity_frame
@@ -75,6 +76,8 @@ class Estimate(ResultObject):
         parameters: every nuisance parameter that was estimated, by name: (value, standard error), in its own unit.
         wall_parameters: the other estimated parameters of the wall (`[choices] free`): "layer 1" and so on, m2/s;
             "film_left" and "film_right", conductivity over film coefficient, m.
+        disturbance: heat that the model does not know, as the interval counts it; None where none was found or asked
+            for.
     """
 
     value: float
@@ -110,6 +113,7 @@ class Estimate(ResultObject):
     identifiability: Identifiability | None = None
     wall_parameters: dict[str, Quantity] = field(default_factory=dict)
     parameters: dict[str, tuple[float, float]] = field(default_factory=dict, repr=False)
+    disturbance: Disturbance | None = None
 
     def conf_int(self, level: float = 0.95) -> tuple[float, float]:
         """The confidence interval of the diffusivity at a level, m2/s.

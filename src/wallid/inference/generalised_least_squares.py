@@ -14,21 +14,31 @@ from .._internal.arrays import on_device
 from ..case.case_definition import Case
 from ..case.initial_profile import scales
 from ..case.time_window import Window
-from ..models.flux_plates import flux_noise_std, full_order_model_with_plates, initial_conductivity, with_flux
+from ..models.flux_plates import (
+    flux_noise_std,
+    fluxes_of,
+    full_order_model_with_plates,
+    initial_conductivity,
+    with_filtered_faces,
+    with_flux,
+)
 from ..models.integration import Integrator
 from ..models.state_space import StateSpace
 from ..models.wall_parameters import clipped_to_prior
 from ..models.window_inputs import WindowData
-from ..records.face_variation import FaceErrors
+from .disturbance_covariance import HEAT_PROFILES, DisturbedReadings
+from .disturbance_search import EVIDENCE, Disturbance, RestrictedLikelihood, find_disturbance
 from .gls_fit import GLSFit
 from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, LikelihoodProblem, face_response, minimise
-from .noise_covariance import NoiseCovariance, NoiseShape, bin_readings
+from .noise_covariance import BinnedReadings, NoiseCovariance, NoiseShape, bin_readings
 from .noise_of_record import noise_shape_of_record
 from .nuisance_parameters import (
     NUISANCE_KINDS,
+    ContactResistances,
     Linearisation,
     NuisanceKind,
     WallParameters,
+    contact_lengths,
     linearise_nuisance,
     window_parameters,
 )
@@ -38,6 +48,8 @@ from .whittle_likelihood import MIN_READINGS, estimate_noise
 
 _MAX_ITERATIONS = 4
 _MAX_WALL_ITERATIONS = 15  # with estimated wall parameters: each iteration builds the model again
+_SEARCHES = 2  # for a disturbance, in the iterations after the first; later ones keep its size and time constant
+_MAX_SEARCH_READINGS = 480  # means over bins, whose dense covariance is factorised some hundred times
 _CONVERGED = 0.1  # standard errors: the iteration ends when the estimate changes by less
 
 
@@ -69,27 +81,28 @@ def fit_generalised_least_squares(
     Returns:
         the fit of the last iteration.
     """
-    data = _first_rows(with_flux(case, window, data), rows_used)
+    data = _first_rows(with_filtered_faces(case, window, with_flux(case, window, data)), rows_used)
     gls = _IteratedGLS(case, window, data, kinds, eta, explicit_theta, integrator)
     wall_names = gls.parameters.of_kind(WallParameters.kind)
+    bent = gls.parameters.of_kind(WallParameters.kind, ContactResistances.kind)  # far from linear
     full_order = full_order_model_with_plates(case)
     start = float(np.clip(first, *gls.bounds)) / case.wall.diffusivity_prior
     parameters, fit = gls.parameters.with_values({LOG_DIFFUSIVITY: math.log(start)}), None
-    for _ in range(_MAX_WALL_ITERATIONS if wall_names else _MAX_ITERATIONS):
+    for _ in range(_MAX_WALL_ITERATIONS if bent else _MAX_ITERATIONS):
         point = Linearisation(case, window, data, gls.diffusivity(parameters), parameters)
         if wall_names:
             system = full_order = full_order_model_with_plates(case, point.wall)
         fit = gls.iterate(system, full_order, point, fit)
         change = abs(math.log(fit.diffusivity / point.diffusivity)) if math.isfinite(fit.diffusivity) else math.inf
-        converged = change < _CONVERGED * fit.log_std and _wall_converged(fit, parameters, wall_names)
+        converged = change < _CONVERGED * fit.log_std and _converged(fit, parameters, bent)
         if not math.isfinite(change) or (fit.iterations > 1 and converged):
             break
         parameters = fit.parameters
-        if wall_names:  # the model is linear about the last values: a step is one prior standard deviation at most
-            indices = parameters.indices(wall_names)
+        if bent:  # the model is linear about the last values: a step is one prior standard deviation at most
+            indices, last = parameters.indices(bent), point.in_prior_std(bent)
             std = np.asarray(parameters.prior_std)[indices]
-            z = np.clip(np.asarray(parameters.values)[indices] / std, point.wall - 1.0, point.wall + 1.0)
-            parameters = parameters.with_values(dict(zip(wall_names, std * clipped_to_prior(z), strict=True)))
+            z = np.clip(np.asarray(parameters.values)[indices] / std, last - 1.0, last + 1.0)
+            parameters = parameters.with_values(dict(zip(bent, std * clipped_to_prior(z), strict=True)))
     assert fit is not None
     if wall_names:  # the reduced chi-square of the first iteration was that of the prior wall
         whitened = fit.noise_shape.stated_covariance().whitening @ np.asarray(fit.minimum.residual)
@@ -145,10 +158,20 @@ class _IteratedGLS:
         """The diffusivity, m2/s."""
         return self.case.wall.diffusivity_prior * math.exp(float(parameters[LOG_DIFFUSIVITY]))
 
+    def _contacts(self, point: Linearisation) -> tuple[float, float]:
+        """The length of wall with each face's contact resistance, m."""
+        names = point.parameters.of_kind(ContactResistances.kind)
+        return contact_lengths(self.conductivity, names, np.asarray(point.parameters.vector(names)))
+
     @property
     def noise_option(self) -> str:
-        """ "estimated", "stated", or "robust", the default with a flux."""
-        return self.case.choices.noise or ("robust" if LOG_CONDUCTIVITY in self.parameters else "estimated")
+        """ "estimated", the default, "stated" or "robust"."""
+        return self.case.choices.noise or "estimated"
+
+    @property
+    def disturbance_option(self) -> str:
+        """ "none", "auto" (the default with a flux) or "on"."""
+        return self.case.choices.disturbance or ("auto" if LOG_CONDUCTIVITY in self.parameters else "none")
 
     @property
     def noise_can_be_estimated(self) -> bool:
@@ -167,9 +190,15 @@ class _IteratedGLS:
         conductivity = 0.0
         if LOG_CONDUCTIVITY in parameters:
             conductivity = self.conductivity * math.exp(float(parameters[LOG_CONDUCTIVITY]))
-        shape = self._noise_shape(system, point, conductivity / case.wall.length)
+        shape = self._noise_shape(system, point, conductivity / case.wall.length, self.bins)
         estimated = self.noise_option == "estimated" and self.noise_can_be_estimated
         noise = _noise_of_residual(shape, last) if last is not None and estimated else shape.stated_covariance()
+        disturbance = None
+        if last is not None and self.disturbance_option != "none" and self.noise_can_be_estimated:
+            readings = self._disturbed_readings(point, conductivity / case.wall.length)
+            disturbance = self._disturbance(system, point, conductivity / case.wall.length, readings, last, noise)
+            if disturbance is not None:
+                noise = self._noise_with_disturbance(shape, readings, disturbance)
         problem = LikelihoodProblem(
             system=system,
             data=self.data,
@@ -189,9 +218,67 @@ class _IteratedGLS:
         minimum = minimise(problem, first, on_device(self.eta), case.choices.max_iterations)
         chi_square = float(minimum.cost) / self.degrees_of_freedom if last is None else last.reduced_chi_square
         iterations = 1 if last is None else last.iterations + 1
-        return GLSFit(problem, minimum, shape, noise, self.kinds, chi_square, estimated, iterations)
+        return GLSFit(
+            problem, minimum, shape, noise, self.kinds, chi_square, estimated or disturbance is not None, iterations,
+            disturbance=disturbance,
+        )  # fmt: skip
 
-    def _noise_shape(self, system: StateSpace, point: Linearisation, conductance: float) -> NoiseShape:
+    def _disturbed_readings(self, point: Linearisation, conductance: float) -> DisturbedReadings:
+        """How heat that the model does not know would change the readings, by the full-order model at a point."""
+        case, scale, plates = self.case, scales(self.case), len(fluxes_of(self.case))
+        temperature = float(self.data.temperature)
+        return DisturbedReadings(
+            system=full_order_model_with_plates(case, point.wall, contacts=self._contacts(point), heat=HEAT_PROFILES),
+            fourier=float(scale.fourier_number(point.diffusivity)),
+            step=float(self.data.step) * self.spacing,
+            reference_time=scale.time,
+            temperature=temperature,
+            scale=np.array([temperature] * len(case.sensors) + [temperature * conductance] * plates),
+            heating=point.diffusivity / (conductance * case.wall.length**2) if plates else 0.0,
+            in_flux=plates > 0,
+        )
+
+    def _disturbance(
+        self,
+        system: StateSpace,
+        point: Linearisation,
+        conductance: float,
+        readings: DisturbedReadings,
+        last: GLSFit,
+        noise: NoiseCovariance,
+    ) -> Disturbance | None:
+        """The disturbance found in the residual of the last iteration; None where it is not asked for."""
+        found = last.disturbance
+        if last.iterations <= _SEARCHES:
+            factor = -(-self.bins.readings // _MAX_SEARCH_READINGS)
+            coarse = BinnedReadings(self.bins.observed, self.bins.present, self.bins.rows_per_bin * factor)
+            shape = self._noise_shape(system, point, conductance, coarse)
+            binned = shape.bins.in_coarser_bins(last.noise_shape.bins)
+            likelihood = RestrictedLikelihood(
+                shape.counts.T.reshape(-1) > 0,
+                binned(np.asarray(last.minimum.residual)),
+                binned(last.readings_jacobian.T).T,
+                last.z,
+            )
+            # a plate's own noise has no memory of hours
+            without = None if readings.in_flux else noise
+            found = find_disturbance(readings, shape, self.record.step * self.spacing, likelihood, without)
+        needed = self.disturbance_option == "on" or (found is not None and found.evidence > EVIDENCE)
+        return found if needed else None
+
+    def _noise_with_disturbance(
+        self, shape: NoiseShape, readings: DisturbedReadings, disturbance: Disturbance
+    ) -> NoiseCovariance:
+        """The covariance with white noise and a disturbance."""
+        covariance = disturbance.std**2 * readings.covariance(
+            disturbance.profile, disturbance.time_constant, disturbance.smoothness, shape.bin_count, shape.rows_per_bin
+        )
+        noise = shape.covariance_of(disturbance.noise_size, 0.0, 0.8, covariance)
+        return replace(noise, degrees_of_freedom=float(self.readings - len(self.parameters.estimated_names)))
+
+    def _noise_shape(
+        self, system: StateSpace, point: Linearisation, conductance: float, bins: BinnedReadings
+    ) -> NoiseShape:
         """The covariance's shape at a point, with the faces' noise propagated by this model to the stated positions.
 
         Args:
@@ -199,17 +286,21 @@ class _IteratedGLS:
         """
         case, (rows, _) = self.case, point.shape
         time = on_device(scales(case).fourier_number(point.diffusivity)), self.data.step
+        if any(contacts := self._contacts(point)):
+            system = full_order_model_with_plates(case, point.wall, contacts=contacts)
         response = np.array(face_response(system, *time, rows))
         plates = response.shape[2] - len(case.sensors)
         response[:, :, len(case.sensors) :] *= conductance
         sensor_std = np.array([sensor.noise_std for sensor in case.sensors] + [flux_noise_std(case)] * plates)
-        # with plates the noise is that of the residual, which contains what the faces do between rows
-        errors = FaceErrors.none() if plates else case.record.face_errors
-        return noise_shape_of_record(self.record, response, self.bins, self.spacing, sensor_std, errors)
+        # with plates the noise is that of the residual, which contains what the faces do between rows; their inputs are
+        # the faces' readings without noise (`with_filtered_faces`)
+        errors = case.record.face_errors.of_filtered if plates else case.record.face_errors
+        face_std = 0.0 if plates else self.record.boundary_noise_std
+        return noise_shape_of_record(self.record, response, bins, self.spacing, sensor_std, face_std, errors)
 
 
-def _wall_converged(fit: GLSFit, before: Parameters, names: Sequence[str]) -> bool:
-    """Whether the wall's own parameters changed by less than a tenth of a standard error."""
+def _converged(fit: GLSFit, before: Parameters, names: Sequence[str]) -> bool:
+    """Whether some parameters changed by less than a tenth of a standard error."""
     change = np.abs(np.asarray(fit.parameters.vector(names)) - np.asarray(before.vector(names)))
     return bool(np.all(change <= _CONVERGED * np.array([fit.std(name) for name in names])))
 

@@ -22,6 +22,7 @@ import numpy as np
 import scipy
 
 from .._internal.arrays import on_device
+from .disturbance_search import Disturbance
 from .likelihood import LOG_CONDUCTIVITY, PROFILE_MODE, LikelihoodProblem, Minimum
 from .noise_covariance import NoiseCovariance, NoiseShape
 from .nuisance_parameters import NuisanceKind, instrument_error_kinds
@@ -46,6 +47,7 @@ class GLSFit:
             inflates the covariance.
         iterations: of generalised least squares.
         robust: the noise estimated from the residual where the weights are those of the stated noise; or None.
+        disturbance: heat that the model does not know, as part of `noise`; or None.
     """
 
     problem: LikelihoodProblem
@@ -57,6 +59,7 @@ class GLSFit:
     noise_estimated: bool
     iterations: int
     robust: NoiseCovariance | None = None
+    disturbance: Disturbance | None = None
 
     @cached_property
     def parameters(self) -> Parameters:
@@ -125,13 +128,16 @@ class GLSFit:
     @property
     def variance_inflation(self) -> float:
         """Inflation of the covariance for an uncertain shape of the noise, or for a residual above the stated noise."""
-        if self.robust is not None:
+        if self.robust is not None or self.disturbance is not None:
             return float(self.covariance[0, 0] / (self.generalised_inverse[0] @ self.generalised_inverse[0]))
         return self.noise.variance_inflation if self.noise_estimated else max(1.0, self.reduced_chi_square)
 
     @cached_property
     def covariance(self) -> np.ndarray:
         """Covariance of ln(alpha) and of the nuisance parameters in prior standard deviations, `(param, param)`."""
+        if self.disturbance is not None:
+            spread = self.generalised_inverse @ self.generalised_inverse.T
+            return spread * np.outer(self.disturbance.inflation, self.disturbance.inflation)
         if self.robust is None:
             return self.generalised_inverse @ self.generalised_inverse.T * self.variance_inflation
         readings = len(self.noise.whitening)
@@ -247,6 +253,9 @@ class GLSFit:
         noise = float(K @ self.noise.covariance @ K)
         faces = float(K @ self.faces_covariance @ K)
         variance = {"sensors' noise": noise - faces, "faces' noise": faces}
+        if self.noise.disturbance is not None:
+            variance["disturbance"] = float(K @ self._present_disturbance @ K)
+            variance["sensors' noise"] -= variance["disturbance"]
         groups = {kind.source_of_variance: self.indices(kind.kind) for kind in self.kinds}
         groups["initial profile"] = self.indices(PROFILE_MODE)
         columns = [0]
@@ -259,11 +268,17 @@ class GLSFit:
         total = sum(variance.values())
         return {source: part / total for source, part in variance.items()}
 
+    @property
+    def _present_disturbance(self) -> np.ndarray:
+        """The part of the readings' covariance due to the disturbance, zero for empty bins, K2."""
+        present = self.noise_shape.counts.T.reshape(-1) > 0
+        return (0.0 if self.noise.disturbance is None else self.noise.disturbance) * np.outer(present, present)
+
     @cached_property
     def faces_covariance(self) -> np.ndarray:
         """The part of the readings' covariance due to the faces: their noise and what they do between rows, K2."""
         shape = self.noise_shape
         only = NoiseShape(np.zeros_like(shape.response), shape.bins, shape.sensor_std, 0.0, shape.face_errors)
-        sensors = only.covariance_like(self.noise).covariance
+        sensors = only.covariance_of(self.noise.white, self.noise.autocorrelated, self.noise.correlation).covariance
         present = self.noise_shape.counts.T.reshape(-1) > 0
-        return (self.noise.covariance - sensors) * np.outer(present, present)
+        return (self.noise.covariance - sensors) * np.outer(present, present) - self._present_disturbance

@@ -1,12 +1,13 @@
 """The covariance of the residual of a correct model: the sensors' noise, and the faces' noise propagated by the wall.
 
-    R = S C S' + sum_f G_f (s_f^2 C + V_f) G_f' + sum_g E_g E_g',      C = v_w I + v_a AR(rho)
+    R = S C S' + sum_f G_f (s_f^2 C + V_f) G_f' + sum_g E_g E_g' + D,      C = v_w I + v_a AR(rho)
 
 `S` holds the stated standard deviations of the inner sensors, `s_f` is that of a face, and `G_f` the readings' response
 to a face reading. `V_f` is the covariance of what a face does between its readings (`records.face_variation`), and
 `E_g` the effect of the interpolation of a face over the gap g (`noise_of_record`). White noise and autocorrelated noise
 (a first-order autoregression) have variances relative to the stated one. They are estimated together with `rho`
-(`whittle_likelihood`). Position errors and offsets are no noise: they are parameters with priors.
+(`whittle_likelihood`). `D` is the part by a disturbance (`disturbance_covariance`), which takes the place of the
+autocorrelated noise. Position errors and offsets are no noise: they are parameters with priors.
 
 `R` is dense, so more than `MAX_READINGS` readings are replaced by means over bins of rows.
 """
@@ -14,6 +15,7 @@ to a face reading. `V_f` is the covariance of what a face does between its readi
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 
@@ -64,6 +66,23 @@ class BinnedReadings(eqx.Module):
     def counts(self) -> Float[Array, "bin sensor"]:
         """The number of readings in each bin."""
         return self._sum(self.present)
+
+    def in_coarser_bins(self, finer: BinnedReadings) -> Callable[[np.ndarray], np.ndarray]:
+        """The function from means over finer bins, `(*, reading)`, to means over these, weighted by the readings."""
+        factor = self.rows_per_bin // finer.rows_per_bin
+        counts = np.asarray(finer.counts()).T  # (sensor, bin)
+        missing = -counts.shape[1] % factor
+
+        def total(values: np.ndarray) -> np.ndarray:
+            padded = np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, missing)])
+            return padded.reshape(*values.shape[:-1], -1, factor).sum(axis=-1)
+
+        def coarser(values: np.ndarray) -> np.ndarray:
+            by_sensor = values.reshape(*values.shape[:-1], *counts.shape)
+            means = total(by_sensor * counts) / np.maximum(total(counts), 1.0)
+            return means.reshape(*values.shape[:-1], -1)
+
+        return coarser
 
     def _sum(self, values: Array) -> Array:
         missing_rows = -values.shape[0] % self.rows_per_bin
@@ -118,6 +137,7 @@ class NoiseCovariance:
         shape_probability, std_ratio: the probability of each other shape of the noise, and a parameter's standard error
             with that shape over the one with this shape.
         whitenings_of_parts: whitening matrices of subsets of the readings, computed once.
+        disturbance: the part of the covariance by a disturbance, K2; None without one.
     """
 
     white: float
@@ -131,6 +151,7 @@ class NoiseCovariance:
     shape_probability: np.ndarray = field(default_factory=lambda: np.ones(1), repr=False)
     std_ratio: np.ndarray = field(default_factory=lambda: np.ones(1), repr=False)
     whitenings_of_parts: dict[bytes, np.ndarray] = field(default_factory=dict, repr=False)
+    disturbance: np.ndarray | None = field(default=None, repr=False)
 
     @cached_property
     def quantile(self) -> float:
@@ -208,8 +229,13 @@ class NoiseShape:
         between = np.outer(rho ** (m - 1 - i), rho**i).mean() * rho  # lag 1: rho^(m + i - j)
         return np.where(lags == 0, within, between * rho ** (m * (lags - 1.0).clip(0)))
 
-    def covariance_of(self, white: float, autocorrelated: float, rho: float) -> NoiseCovariance:
+    def covariance_of(
+        self, white: float, autocorrelated: float, rho: float, disturbance: np.ndarray | None = None
+    ) -> NoiseCovariance:
         """The covariance with these variances (over the stated one) and this autocorrelation from row to row.
+
+        Args:
+            disturbance: the readings' covariance by a disturbance, K2; None for none.
 
         Raises:
             numpy.linalg.LinAlgError: the covariance is not positive definite.
@@ -229,17 +255,19 @@ class NoiseShape:
             excess = white / np.maximum(counts[:, s], 1.0) - white / self.rows_per_bin
             R[block, block] += np.diag(std**2 * excess)
         R += self.gap_errors.T @ self.gap_errors
+        if disturbance is not None:
+            R += disturbance
         missing = counts.T.reshape(-1) == 0
         R[missing] = R[:, missing] = 0.0
         R[missing, missing] = 1.0
         lower = np.linalg.cholesky(R)
         whitening = scipy.linalg.solve_triangular(lower, np.eye(len(R)), lower=True)
         rms = float(np.sqrt(self._noise_power(white, autocorrelated, rho).sum() / self.present.sum()))
-        return NoiseCovariance(white, autocorrelated, rho, whitening, R, rms)
+        return NoiseCovariance(white, autocorrelated, rho, whitening, R, rms, disturbance=disturbance)
 
     def covariance_like(self, noise: NoiseCovariance) -> NoiseCovariance:
-        """The covariance with the variances and the autocorrelation of another one."""
-        return self.covariance_of(noise.white, noise.autocorrelated, noise.correlation)
+        """The covariance with the variances, the autocorrelation and the disturbance of another one."""
+        return self.covariance_of(noise.white, noise.autocorrelated, noise.correlation, noise.disturbance)
 
     def stated_covariance(self) -> NoiseCovariance:
         """The covariance with all noise white and as stated."""

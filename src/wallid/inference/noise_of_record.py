@@ -33,6 +33,7 @@ def noise_shape_of_record(
     bins: BinnedReadings,
     spacing: int,
     sensor_std: np.ndarray,
+    face_std: float,
     face_errors: FaceErrors,
 ) -> NoiseShape:
     """The structure of the noise covariance of the binned readings.
@@ -42,6 +43,7 @@ def noise_shape_of_record(
         response: response of the readings at the rows to 1 K more at one row of one face, `(face, row, sensor)`.
         bins, spacing: as from `bin_readings`.
         sensor_std: standard deviation of each sensor's readings, K.
+        face_std: of a face's, K; 0 where the model's inputs are the readings without their noise.
         face_errors: what the faces do between rows; `FaceErrors.none()` where it is part of a noise that is estimated
             from the residual.
     """
@@ -49,7 +51,7 @@ def noise_shape_of_record(
     bending = bending_errors(face_errors.bendings(record.faces, record.step), response, bins)
     errors = face_errors.autocovariance
     response, bins, errors = restricted_to_reading_rows(response, bins, spacing, errors)
-    return NoiseShape(response, bins, sensor_std, record.boundary_noise_std, errors, np.concatenate([gaps, bending]))
+    return NoiseShape(response, bins, sensor_std, face_std, errors, np.concatenate([gaps, bending]))
 
 
 def gap_errors(

@@ -28,7 +28,7 @@ from ..case.case_definition import Case
 from ..case.initial_profile import fit_profile, profile_mode_count, scales, window_temperature_range
 from ..case.time_window import Window
 from ..case.wall_and_sensors import SIDES
-from ..models.flux_plates import flux_gain_std, fluxes_of, full_order_model_with_plates
+from ..models.flux_plates import flux_gain_std, fluxes_of, full_order_model_with_plates, initial_conductivity
 from ..models.sensitivity_equations import simulate_window
 from ..models.state_space import StateSpace
 from ..models.wall_parameters import free_wall_parameters, prior_std_of
@@ -40,6 +40,8 @@ from .position_errors import face_position_response, sensor_position_response
 
 CONDUCTIVITY_STD = 3.0  # of ln(conductivity): a wide prior
 _SMOOTHED_FREQUENCIES = 9  # of a face's power spectrum
+CONTACT_RESISTANCE, CONTACT_STD = 0.005, 1.2  # m2 K/W, the prior median; and the standard deviation of its logarithm
+_CONTACT_STEP = 0.05  # prior standard deviations
 _DIFFERENCE_STEP = 1e-3  # prior standard deviations: a relative error of 1e-6, far above round-off
 
 
@@ -204,6 +206,36 @@ class WallParameters(NuisanceKind):
         return LinearEffect(columns, point.wall)
 
 
+class ContactResistances(NuisanceKind):
+    """The resistance between each face that has a plate and the face's sensor: adhesive, paper, a skim of plaster.
+
+    The parameter is `ln(r / r_0)`. Without it a plate that answers late is taken for a wall that conducts less.
+    """
+
+    kind, source_of_variance, is_instrument_error = "contact", "contact resistances", True
+
+    def parameters(self, case: Case, window: Window) -> Iterable[Parameter]:
+        """One parameter for each plate."""
+        return (Parameter(f"{self.kind}[{face}]", prior_std=CONTACT_STD) for face in fluxes_of(case))
+
+    def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
+        """The full-order model with the resistances minus the one without, and central differences of it."""
+        fourier = scales(point.case).fourier_number(point.diffusivity)
+        kelvin, conductivity = float(point.data.temperature), initial_conductivity(point.case, point.window)
+
+        def response(z: np.ndarray | None) -> np.ndarray:
+            contacts = (0.0, 0.0) if z is None else contact_lengths(conductivity, names, CONTACT_STD * z)
+            model = full_order_model_with_plates(point.case, point.wall, contacts=contacts)
+            u, theta = simulate_window(model, on_device(fourier), point.data, sensitivity=True)
+            return kelvin * np.stack([np.asarray(u), fourier * np.asarray(theta)])
+
+        z = point.in_prior_std(names)
+        change, slope = response(z) - response(None)
+        steps = _CONTACT_STEP * np.eye(len(names))
+        columns = [(response(z + step)[0] - response(z - step)[0]) / (2.0 * _CONTACT_STEP) for step in steps]
+        return LinearEffect(np.stack(columns), z, change, slope)
+
+
 class CommonNoise(NuisanceKind):
     """The share of each face's noise that all sensors of one logger have in common."""
 
@@ -228,6 +260,7 @@ NUISANCE_KINDS: tuple[NuisanceKind, ...] = (
     SensorPositions(),
     FacePositions(),
     WallParameters(),
+    ContactResistances(),
     CommonNoise(),
 )
 """The kinds of every estimate. The initial profile and the calibration of plates are parts of the model itself."""
@@ -263,6 +296,20 @@ def window_parameters(
     return Parameters.of(parameters)
 
 
+def contact_lengths(
+    conductivity: float, names: Sequence[str], values: Sequence[float] | np.ndarray
+) -> tuple[float, float]:
+    """The length of wall with each face's contact resistance, m; 0 without a plate.
+
+    Args:
+        conductivity: at which the prior median of the resistance is `CONTACT_RESISTANCE`, W/m/K.
+        names: of the parameters. values: `ln(r / r_0)`.
+    """
+    median = CONTACT_RESISTANCE * conductivity
+    lengths = {target_of(name): median * math.exp(float(value)) for name, value in zip(names, values, strict=True)}
+    return lengths.get("left", 0.0), lengths.get("right", 0.0)
+
+
 def instrument_error_kinds(kinds: Sequence[NuisanceKind]) -> tuple[str, ...]:
     """The names of the kinds that are constant errors of instruments, plates included."""
     return (*(kind.kind for kind in kinds if kind.is_instrument_error), PLATE_GAIN)
@@ -272,6 +319,7 @@ def describe_instrument_error(name: str) -> str:
     """An instrument error in words: "offset of T1", "position error of the left face's sensor"."""
     descriptions = {
         SensorPositions.kind: "position error of {}",
+        ContactResistances.kind: "contact resistance at the {} face",
         FacePositions.kind: "position error of the {} face's sensor",
         PLATE_GAIN: "calibration of the {} plate",
     }

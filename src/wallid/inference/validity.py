@@ -150,8 +150,11 @@ def why_contradicted(case: Case, fit: GLSFit) -> str:
 
 
 def why_not_constant(fit: GLSFit) -> str:
-    """Why the diffusivity is not constant over the window, or an empty string."""
-    if not fit.finite or fit.constancy_p_value >= _CONSTANCY_LEVEL:
+    """Why the diffusivity is not constant over the window, or an empty string.
+
+    It is not tested beside a disturbance, which already says that the model does not explain the record.
+    """
+    if not fit.finite or fit.disturbance is not None or fit.constancy_p_value >= _CONSTANCY_LEVEL:
         return ""
     return (
         f"the diffusivity is not constant over the window (p = {fit.constancy_p_value:.1g}): an effect is missing from "

@@ -1,10 +1,10 @@
 """A disturbance: heat that the model does not know, as a stationary Gaussian process.
 
-The heat is released in one part of the wall, and adds states to a model in its modes:
+The heat has a profile over the wall (`HeatProfile`), and its course adds states to a model in its modes:
 
     x' = Fo (A x + B q) + b d,      d = H z,      z' = F z + L w,      w white noise
 
-`b` is the model's input of heat at that place (`heat_profile`), a column of `B0`. `d` is a Matern process:
+`b` is the model's input of heat at that place, a column of `B0`. `d` is a Matern process:
 
     Matern 1/2:   F = -1/tau,                  H = 1,        k(t) = s^2 exp(-|t|/tau)
     Matern 3/2:   F = [[0, 1], [-l^2, -2 l]],  H = [1, 0],   k(t) = s^2 (1 + l |t|) exp(-l |t|),      l = sqrt(3)/tau
@@ -29,11 +29,11 @@ from jaxtyping import Array, Float, ScalarLike
 
 from .._internal.arrays import on_device
 from .exponential_solver import step_map
-from .finite_volume_wall import HEAT_PLACES
 from .state_space import StateSpace
 
 Smoothness = Literal["matern-1/2", "matern-3/2"]
 _FACES = 2  # the boundary temperatures, the first inputs
+_FASTEST = 40.0  # decay of a mode within a row, beyond which it is taken as steady
 _NODES, _WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(10))
 _NODES = _NODES + 0.5  # on [0, 1]
 
@@ -119,7 +119,9 @@ def with_disturbance(system: StateSpace, process: MaternProcess, place: int) -> 
     Returns:
         a state space with a full A, whose input are the boundary temperatures.
     """
-    heat = _heat_column(system, place)
+    _check_heat_inputs(system)
+    assert system.B0 is not None
+    heat = system.B0[:, place]
     order, states = system.order, process.order
     size = order + states
     A = jnp.zeros((size, size)).at[jnp.arange(order), jnp.arange(order)].set(system.A)
@@ -131,7 +133,7 @@ def with_disturbance(system: StateSpace, process: MaternProcess, place: int) -> 
     return StateSpace(
         A=A,
         B=jnp.pad(system.B[:, :_FACES], padding),
-        C=jnp.pad(system.C, ((0, 0), (0, states))),
+        C=_outputs_with_process(system, place, states),
         D=system.D[:, :_FACES],
         P=jnp.pad(system.P, padding),
         A0=A0,
@@ -167,15 +169,17 @@ def gaussian_step(
         cubic: whether the boundary temperatures are cubics between rows; else straight lines.
     """
     # arrays, because JAX would compile again for each new Python number
-    return _gaussian_step(system, on_device(fourier), on_device(step), process, place, cubic)
+    _check_heat_inputs(system)
+    return _gaussian_step(system, on_device(fourier), on_device(step), process, jnp.asarray(place), cubic)
 
 
 @eqx.filter_jit
 def _gaussian_step(
-    system: StateSpace, fourier: Array, step: Array, process: MaternProcess, place: int, cubic: bool
+    system: StateSpace, fourier: Array, step: Array, process: MaternProcess, place: Array, cubic: bool
 ) -> GaussianStep:
+    assert system.B0 is not None
     rates = fourier * system.A + (0.0 if system.A0 is None else system.A0)
-    heat, states = _heat_column(system, place), process.order
+    heat, states = system.B0[:, place], process.order
     exact = step_map(without_heat(system), fourier, step, sensitivity=False, cubic=cubic)
     F, P_z, E = process.rate_matrix, process.stationary_covariance, process.transition(step)
     coupling = heat[:, None] * jax.vmap(lambda f: _integral(f, process, step)[0])(rates)
@@ -192,9 +196,14 @@ def _gaussian_step(
         W1=jnp.pad(exact.W1, padding),
         noise=0.5 * (noise + noise.T),
         initial=jnp.zeros_like(stationary).at[len(rates) :, len(rates) :].set(P_z),
-        C=jnp.pad(system.C, ((0, 0), (0, states))),
+        C=_outputs_with_process(system, place, states),
         D=system.D[:, :_FACES],
     )
+
+
+def _outputs_with_process(system: StateSpace, place: ScalarLike, states: int) -> Float[Array, "output state"]:
+    """C, then the direct effect of the heat on the outputs through the process's first state."""
+    return jnp.concatenate([system.C, system.D[:, place, None], jnp.zeros((len(system.C), states - 1))], axis=1)
 
 
 def _integral(f: Array, process: MaternProcess, step: ScalarLike) -> Float[Array, "state state"]:
@@ -209,13 +218,39 @@ def _integral(f: Array, process: MaternProcess, step: ScalarLike) -> Float[Array
     return jnp.where(near, step * sum(values[1:], values[0]), closed)
 
 
-def _heat_column(system: StateSpace, place: int) -> Float[Array, " node"]:
-    """The input of heat at a place."""
+def _check_heat_inputs(system: StateSpace) -> None:
+    """Refuse a model without modes or without inputs of heat."""
     if not system.is_diagonal or system.B0 is None or system.B.shape[1] <= _FACES:
-        raise ValueError("disturbance: the model must be in its modes, with inputs of heat (`heat=HEAT_PLACES`)")
-    return system.B0[:, place]
+        raise ValueError("disturbance: the model must be in its modes, with inputs of heat (argument `heat`)")
 
 
-def heat_input(place: str) -> int:
-    """The index of the input of heat at a place of `HEAT_PLACES`, in a model with all of them."""
-    return _FACES + HEAT_PLACES.index(place)
+def with_slow_modes(system: StateSpace, fourier: float, step: float) -> StateSpace:
+    """The model without the modes that decay within a row; their steady part is added to D.
+
+    A mode of rate f and input b is `-b q / f` where q changes slowly, with an error of 1 / (f times q's time constant).
+
+    Args:
+        system: in its modes.
+        fourier: Fo, 1. step: time between rows, in t_ref.
+
+    Returns:
+        the model with a multiple of 8 modes, so that few programs are compiled; the whole model where all are slow.
+    """
+    rates = -np.asarray(system.A) * fourier * step
+    slow = int(8 * np.ceil((np.count_nonzero(rates < _FASTEST) + 1) / 8))
+    if slow >= system.order:
+        return system
+    order = np.argsort(rates)
+    kept, left = np.sort(order[:slow]), order[slow:]
+    A, B, C = (np.asarray(part) for part in (system.A, system.B, system.C))
+    B0 = np.zeros_like(B) if system.B0 is None else np.asarray(system.B0)
+    steady = C[:, left] @ ((B[left] + B0[left] / fourier) / -A[left, None])
+    return dataclasses.replace(
+        system,
+        A=A[kept],
+        B=B[kept],
+        B0=None if system.B0 is None else on_device(B0[kept]),
+        C=C[:, kept],
+        D=np.asarray(system.D) + steady,
+        P=np.asarray(system.P)[kept],
+    )

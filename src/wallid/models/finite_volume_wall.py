@@ -8,6 +8,7 @@ relative to the wall's effective values, so that one effective diffusivity `L^2 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -23,8 +24,6 @@ from .state_space import StateSpace, require_x64
 ArrayLike = Array | np.ndarray
 Number = float | Array
 
-HEAT_PLACES = ("left", "right", "wall")
-"""Where heat can be released in a model: the third next to a face, or the whole wall."""
 _STENCIL = 4  # nodes of a cubic, so that interpolation between nodes adds no second-order error
 _MIN_CELLS = 3  # in a layer, so that a cubic fits into each
 
@@ -43,6 +42,29 @@ class Output:
     position: Number
     kind: Literal["temperature", "gradient", "flux"] = "temperature"
     name: str = ""
+
+
+@dataclass(frozen=True)
+class HeatProfile:
+    """Where heat is released in a wall: the same power per volume everywhere, or decaying from a face.
+
+        p(x*) = 1,      or exp(-x*/depth) / (depth (1 - exp(-1/depth))), x* from that face
+
+    Args:
+        place: "wall", "left" or "right".
+        depth: over the length, 1; of a face.
+    """
+
+    place: Literal["wall", "left", "right"]
+    depth: float = 1.0
+
+    def released_up_to(self, x: Any) -> Any:
+        """The share of the heat that is released between x* = 0 and x."""
+        if self.place == "wall":
+            return x
+        xp = numpy_for(x)
+        from_face = xp.expm1(-(x if self.place == "left" else 1.0 - x) / self.depth) / math.expm1(-1.0 / self.depth)
+        return from_face if self.place == "left" else 1.0 - from_face
 
 
 def layer_cells(wall: Wall, nodes: int) -> tuple[int, ...]:
@@ -112,7 +134,7 @@ def finite_volume_model(
     film: tuple[Number, Number] = (0.0, 0.0),
     node_positions: Float[ArrayLike, " node"] | None = None,
     cells: Sequence[int] | None = None,
-    heat: Sequence[str] = (),
+    heat: Sequence[HeatProfile] = (),
 ) -> StateSpace:
     """The wall as a `StateSpace` whose inputs are its two boundary temperatures (left, right).
 
@@ -129,8 +151,8 @@ def finite_volume_model(
             air temperature, and the face is a state: `k dT/dn = h (T_air - T_face)`, n outward.
         node_positions: x*, both faces included; None for those of `grid`.
         cells: the number of cells of each layer; None for those of `layer_cells`, which needs the layers' values.
-        heat: places of `HEAT_PLACES`; each is one more input, which does not scale with Fo: heat of equal power per
-            volume in that part. A unit raises the part's mean temperature by 1 per t_ref at the wall's mean capacity.
+        heat: each is one more input, which does not scale with Fo: heat with this profile. A unit raises the wall's
+            mean temperature by 1 per t_ref at its mean capacity, before any heat leaves.
 
     Returns:
         the model with its nodes' capacities; `modal()` of it has a diagonal A.
@@ -173,12 +195,11 @@ def _with_heat_inputs(model: StateSpace, heat: Float[ArrayLike, "node place"]) -
     )
 
 
-def _heat_of_cells(node_positions: Any, places: Sequence[str]) -> Any:
-    """The share of each node's cell that lies in each place: its length within the place, `(node, place)`."""
+def _heat_of_cells(node_positions: Any, profiles: Sequence[HeatProfile]) -> Any:
+    """The share of each profile's heat that is released in each node's cell, `(node, profile)`."""
     xp = numpy_for(node_positions)
     bounds = xp.concatenate([np.zeros(1), 0.5 * (node_positions[1:] + node_positions[:-1]), np.ones(1)])
-    parts = {"left": (0.0, 1.0 / 3.0), "right": (2.0 / 3.0, 1.0), "wall": (0.0, 1.0)}
-    return xp.stack([xp.diff(xp.clip(bounds, *parts[place])) for place in places], axis=1)
+    return xp.stack([xp.diff(profile.released_up_to(bounds)) for profile in profiles], axis=1)
 
 
 def _coupling_matrices(

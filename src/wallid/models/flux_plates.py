@@ -9,13 +9,14 @@ import numpy as np
 
 from .._internal.arrays import on_device
 from ..case.case_definition import Case
-from ..case.initial_profile import PROFILE_MODES
+from ..case.initial_profile import PROFILE_MODES, scales
 from ..case.time_window import Window, entire_record
 from ..case.wall_and_sensors import SIDES
-from .finite_volume_wall import Output
+from ..records.uniform_record import cubic_slopes
+from .finite_volume_wall import HeatProfile, Output
 from .state_space import StateSpace
 from .wall_parameters import free_wall_parameters, model_at
-from .window_inputs import WindowData, full_order_model
+from .window_inputs import WindowData, boundary_inputs, full_order_model
 
 FLUX_NOISE_STD = 1.0  # W/m2
 FLUX_GAIN_STD = 0.05  # as ISO 9869-1 expects of a calibrated plate
@@ -82,6 +83,22 @@ def with_flux(case: Case, window: Window, data: WindowData) -> WindowData:
     return append_flux_readings(data, flux_readings(case, window), flux_noise_std(case))
 
 
+def with_filtered_faces(case: Case, window: Window, data: WindowData) -> WindowData:
+    """The window's data with the faces' readings without their noise; unchanged without plates.
+
+    Fast noise of a face would be a large flux. Fitted with it, the wall's capacity is too small, as a slope is that is
+    fitted with a noisy abscissa.
+
+    Source: W. A. Fuller, Measurement Error Models (1987), 1.1.
+    """
+    if not fluxes_of(case):
+        return data
+    record, scale = case.record, scales(case)
+    faces = record.face_errors.filtered(record.faces, record.step)
+    inputs = boundary_inputs(scale, faces, cubic_slopes(faces, record.step))[window.as_slice]
+    return eqx.tree_at(lambda d: d.inputs, data, on_device(inputs))
+
+
 def append_flux_readings(data: WindowData, flux: np.ndarray, noise_std: float) -> WindowData:
     """The window's data with fluxes after the sensors' readings, weighted by their noise; NaN is a missing reading."""
     present = np.isfinite(flux)
@@ -97,7 +114,12 @@ def plate_outputs(case: Case) -> list[Output]:
 
 
 def full_order_model_with_plates(
-    case: Case, wall_parameters: np.ndarray | None = None, *, gradients: bool = False
+    case: Case,
+    wall_parameters: np.ndarray | None = None,
+    *,
+    gradients: bool = False,
+    contacts: tuple[float, float] = (0.0, 0.0),
+    heat: tuple[HeatProfile, ...] = (),
 ) -> StateSpace:
     """The full-order model of a case whose outputs are the sensors, then the flux plates.
 
@@ -105,13 +127,16 @@ def full_order_model_with_plates(
         case: the case.
         wall_parameters: values of the case's free wall parameters, in prior standard deviations; None for zeros.
         gradients: whether the temperature gradients at the sensors follow as further outputs.
+        contacts: length of wall with the resistance between each face and its sensor, m.
+        heat: profiles of heat, as inputs after the boundary temperatures.
 
     Returns:
         a state space with a diagonal A.
     """
     extra = [*plate_outputs(case), *(Output(sensor.position, "gradient") for sensor in case.sensors if gradients)]
     names = free_wall_parameters(case)
-    if not names:
-        return full_order_model(case, extra)
+    if not names and not any(contacts):
+        return full_order_model(case, extra, heat=heat)
     sensors = [Output(sensor.position, name=sensor.name) for sensor in case.sensors]
-    return model_at(case, names, np.zeros(len(names)) if wall_parameters is None else wall_parameters, sensors + extra)
+    values = np.zeros(len(names)) if wall_parameters is None else wall_parameters
+    return model_at(case, names, values, sensors + extra, contacts=contacts, heat=heat)

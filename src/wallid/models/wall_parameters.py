@@ -21,7 +21,7 @@ import numpy as np
 from ..case.case_definition import Case
 from ..case.initial_profile import profile_degree
 from ..case.wall_and_sensors import Wall
-from .finite_volume_wall import Output, finite_volume_model, grid
+from .finite_volume_wall import HeatProfile, Output, finite_volume_model, grid
 from .state_space import StateSpace
 
 LAYER_STD = 0.5  # of ln(k_i / k_1)
@@ -80,13 +80,31 @@ def layer_ratios(case: Case, names: Sequence[str], values: np.ndarray) -> np.nda
     return np.array([k / c for _, k, c in wall_at(case, names, values).relative_layers()])
 
 
-def model_at(case: Case, names: Sequence[str], values: np.ndarray, outputs: Sequence[Output]) -> StateSpace:
-    """The full-order model at these parameters, in its modes, on the nodes of the case's own wall."""
+def model_at(
+    case: Case,
+    names: Sequence[str],
+    values: np.ndarray,
+    outputs: Sequence[Output],
+    *,
+    contacts: tuple[float, float] = (0.0, 0.0),
+    heat: Sequence[HeatProfile] = (),
+) -> StateSpace:
+    """The full-order model at these parameters, in its modes, on the nodes of the case's own wall.
+
+    Args:
+        case: the case.
+        names, values: of the wall's parameters, in prior standard deviations.
+        outputs: of the model.
+        contacts: length of wall with the resistance between each face and its sensor, m.
+        heat: profiles of heat, as inputs after the boundary temperatures.
+    """
+    films = film_lengths_at(case, names, values)
     return finite_volume_model(
         wall_at(case, names, values),
         outputs,
         nodes=case.choices.nodes,
         profile_degree=profile_degree(case),
-        film=film_lengths_at(case, names, values),
+        film=(films[0] + contacts[0], films[1] + contacts[1]),
         node_positions=grid(case.wall, case.choices.nodes),
+        heat=heat,
     ).modal()

@@ -17,7 +17,7 @@ from ..case.initial_profile import dimensionless_profile, fit_profile, profile_d
 from ..case.scaling import Scales
 from ..case.time_window import MIN_FACE_RANGE, Window, check_unbroken, entire_record
 from ..case.wall_and_sensors import SIDES, Wall
-from .finite_volume_wall import Output, finite_volume_model
+from .finite_volume_wall import HeatProfile, Output, finite_volume_model
 from .state_space import StateSpace
 
 
@@ -117,7 +117,9 @@ def window_data(case: Case, window: Window | None = None, *, weighted: bool = Tr
     )
 
 
-def full_order_model(case: Case, extra: Sequence[Output] = (), *, cells: Sequence[int] | None = None) -> StateSpace:
+def full_order_model(
+    case: Case, extra: Sequence[Output] = (), *, cells: Sequence[int] | None = None, heat: tuple[HeatProfile, ...] = ()
+) -> StateSpace:
     """The full-order model of a case: `U' = Fo (A U + B Q)`, `Y = C U + D Q`, in its modes, with a diagonal A.
 
     JAX may trace the values of the wall and the positions of the sensors. Where it traces the layers, the model is in
@@ -128,6 +130,7 @@ def full_order_model(case: Case, extra: Sequence[Output] = (), *, cells: Sequenc
         extra: further outputs, after the sensors.
         cells: the number of cells of each layer, from `wallid.models.layer_cells`; None for those of the case's own
             layers. It is needed where a compiled or vectorised function traces the layers.
+        heat: profiles of heat, as inputs after the boundary temperatures.
 
     Returns:
         a state space with the two boundary temperatures as inputs.
@@ -145,15 +148,17 @@ def full_order_model(case: Case, extra: Sequence[Output] = (), *, cells: Sequenc
     outputs, nodes, degree = (*sensors, *extra), case.choices.nodes, profile_degree(case)
     layers = [value for layer in case.wall.layers for value in vars(layer).values()]
     if cells is None and not is_traced(*vars(case.wall).values(), *layers, *(output.position for output in outputs)):
-        return _model_in_modes(case.wall, outputs, nodes, degree)
-    model = finite_volume_model(case.wall, outputs, nodes=nodes, profile_degree=degree, cells=cells)
+        return _model_in_modes(case.wall, outputs, nodes, degree, heat)
+    model = finite_volume_model(case.wall, outputs, nodes=nodes, profile_degree=degree, cells=cells, heat=heat)
     return model if is_traced(*layers) else model.modal()
 
 
 @lru_cache(maxsize=32)
-def _model_in_modes(wall: Wall, outputs: tuple[Output, ...], nodes: int, degree: int) -> StateSpace:
+def _model_in_modes(
+    wall: Wall, outputs: tuple[Output, ...], nodes: int, degree: int, heat: tuple[HeatProfile, ...]
+) -> StateSpace:
     """The model in its modes, built once for all that use it in a run."""
-    return finite_volume_model(wall, outputs, nodes=nodes, profile_degree=degree).modal()
+    return finite_volume_model(wall, outputs, nodes=nodes, profile_degree=degree, heat=heat).modal()
 
 
 def check_driven(model: StateSpace, case: Case, window: Window | None = None) -> None:

@@ -22,13 +22,16 @@ The slow part is the daily cycle and the smooth process as its Wiener filter fin
 
     W(theta) = sum_j S_smooth(theta + 2 pi j) / f_d(theta)
 
+The readings without their noise are the daily cycle and both processes as the Wiener filter finds them, `H = S_d / f_d`
+with `S_d = sum_j S(theta + 2 pi j)`. They are in error by a stationary process with the spectrum `S_d s^2 / f_d`.
+
 Source: P. Whittle, Ark. Mat. 2 (1953), 423; A. M. Yaglom, Correlation Theory of Stationary and Related Random Functions
 (1987), 1.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
@@ -63,16 +66,35 @@ class FaceErrors:
         autocovariance: of the error that varies from row to row, by lag in rows, K2; zero beyond.
         slow_weights: of the readings around a row in its slow part, `_LAGS` before it to `_LAGS` after it.
         bending_std: standard deviation of the share of the slow and of the fast part.
+        filter_weights: of the readings around a row in the reading without its noise.
+        filtered_autocovariance: of the error of a reading without its noise, by lag in rows, K2.
     """
 
     autocovariance: Float[np.ndarray, "face lag"]
     slow_weights: Float[np.ndarray, "face weight"]
     bending_std: tuple[float, float] = (SLOW_BENDING_STD, FAST_BENDING_STD)
+    filter_weights: Float[np.ndarray, "face weight"] = field(default_factory=lambda: np.ones((2, 1)))
+    filtered_autocovariance: Float[np.ndarray, "face lag"] = field(default_factory=lambda: np.zeros((2, 1)))
 
     @classmethod
     def none(cls) -> FaceErrors:
         """No errors: faces that are known between their rows, or whose errors are part of another noise."""
         return cls(np.zeros((2, 1)), np.zeros((2, 1)), (0.0, 0.0))
+
+    @property
+    def of_filtered(self) -> FaceErrors:
+        """The errors of readings without their noise, alone."""
+        return FaceErrors(self.filtered_autocovariance, np.zeros((2, 1)), (0.0, 0.0))
+
+    def filtered(self, faces: Float[np.ndarray, "time face"], step: float) -> Float[np.ndarray, "time face"]:
+        """The readings without their noise, degC.
+
+        Args:
+            faces: readings at uniform rows, degC.
+            step: from row to row, s.
+        """
+        each = [_slow_part(face, step, weights) for face, weights in zip(faces.T, self.filter_weights, strict=True)]
+        return np.stack(each, axis=1)
 
     def bendings(self, faces: Float[np.ndarray, "time face"], step: float) -> Float[np.ndarray, "part face time"]:
         """One standard deviation of the change of each face's mean over a row by how its slow and fast parts bend, K.
@@ -101,21 +123,35 @@ def cubic_errors(faces: Float[np.ndarray, "time face"], step: float, noise_std: 
     Returns:
         no error that varies from row to row, and no fast part, where the readings are too few or constant.
     """
-    autocovariance, weights = zip(*(_errors_of_one(face, step, noise_std) for face in faces.T), strict=True)
-    return FaceErrors(np.stack(autocovariance), np.stack(weights))
+    autocovariance, slow, weights, filtered = (
+        np.stack(part) for part in zip(*(_errors_of_one(face, step, noise_std) for face in faces.T), strict=True)
+    )
+    return FaceErrors(autocovariance, slow, filter_weights=weights, filtered_autocovariance=filtered)
 
 
-def _errors_of_one(values: np.ndarray, step: float, noise_std: float) -> tuple[np.ndarray, np.ndarray]:
-    """Autocovariance and slow weights of one face."""
+def _errors_of_one(values: np.ndarray, step: float, noise_std: float) -> tuple[np.ndarray, ...]:
+    """Autocovariance, slow weights, filter weights and autocovariance of the filtered readings of one face."""
     if len(values) < _FEWEST_ROWS or np.ptp(values) == 0.0:
-        return np.zeros(_LAGS), np.eye(2 * _LAGS + 1)[_LAGS]
+        own = np.eye(2 * _LAGS + 1)[_LAGS]
+        return np.zeros(_LAGS), own, own, noise_std**2 * own[_LAGS:-1]
     theta, power, count = _periodogram(_without_daily_cycle(values, step))
     smooth, smooth_rate, rough, rough_rate, noise = _fit(theta, power, count, noise_std)
     theta = np.maximum(np.minimum(_GRID, 2.0 * np.pi - _GRID), 1e-6)
     spectrum = _error_spectrum(theta, smooth, smooth_rate, rough, rough_rate)
     slow = _parts(theta, smooth, smooth_rate, 0.0, rough_rate).sum(axis=1)
-    weights = np.fft.ifft(slow / (_parts(theta, smooth, smooth_rate, rough, rough_rate).sum(axis=1) + noise)).real
-    return np.fft.ifft(spectrum).real[:_LAGS], np.concatenate([weights[-_LAGS:], weights[: _LAGS + 1]])
+    signal = _parts(theta, smooth, smooth_rate, rough, rough_rate).sum(axis=1)
+    return (
+        np.fft.ifft(spectrum).real[:_LAGS],
+        _around_row(slow / (signal + noise)),
+        _around_row(signal / (signal + noise)),
+        np.fft.ifft(signal * noise / (signal + noise)).real[:_LAGS],
+    )
+
+
+def _around_row(response: np.ndarray) -> np.ndarray:
+    """The weights of the readings around a row that have this frequency response."""
+    weights = np.fft.ifft(response).real
+    return np.concatenate([weights[-_LAGS:], weights[: _LAGS + 1]])
 
 
 def _slow_part(values: np.ndarray, step: float, weights: np.ndarray) -> np.ndarray:

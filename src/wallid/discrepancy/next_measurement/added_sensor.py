@@ -150,5 +150,7 @@ def _whitening(fit: EffectFit, sensor: Sensor, like: int, response: np.ndarray) 
     )
     stds = np.array([one.noise_std for one in (*problem.case.sensors, sensor)])
     errors = problem.case.record.face_errors
-    shape = noise_shape_of_record(problem.record, response, bins, problem.spacing, stds, errors)
+    shape = noise_shape_of_record(
+        problem.record, response, bins, problem.spacing, stds, problem.record.boundary_noise_std, errors
+    )
     return shape.covariance_like(fit.noise).whitening

@@ -1,0 +1,205 @@
+"""Whether 95 % intervals hold the truth when heat enters the wall that no column explains.
+
+`python -m benchmarks.accuracy.disturbance`
+
+Each record is a slab between smooth faces that its simulator knows every minute, by sine series: no part of wallid.
+Heat enters as a random process with a memory of 3 hours or 2 days: 3 K a day, the same everywhere in the wall, or
+5 W/m2 behind its right face, its density falling on a straight line over 8 cm (the model has exponentials). The record
+has two sensors inside, or a flux plate on each face. Each is estimated with `disturbance = "none"` and `"auto"`.
+
+Each record's outcome is appended to a log of JSON lines, so that a long run goes on where it ended.
+"""
+
+import argparse
+import json
+import os
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import lfilter
+
+from benchmarks.reference.analytic_slab import fluxes, heated, temperatures, weather
+
+LENGTH, CONDUCTIVITY, CAPACITY = 0.3, 0.75, 1.5e6
+DIFFUSIVITY = CONDUCTIVITY / CAPACITY
+PLACES = np.array([0.3, 0.7])  # over the length
+FINE = 60.0  # s, between the times at which the simulator knows faces and heat
+BEFORE = 10.0  # days
+SENSOR_STD, FACE_STD, FLUX_STD, GAIN_STD = 0.05, 0.02, 0.3, 0.02
+DAYS = {"sensors": 5.0, "plates": 3.0}
+STEP = {"sensors": 1800.0, "plates": 900.0}  # s
+HEATS, MEMORIES, OPTIONS = ("wall", "face", "nothing"), (3.0, 48.0), ("none", "auto")
+DEPTH = 0.08  # m, of the heat behind a face
+SEED = 2801  # fixed before the first record was estimated
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Records of one kind: what is logged, where heat enters, its memory in hours."""
+
+    logged: str
+    heat: str
+    memory: float
+
+    @property
+    def rows(self) -> int:
+        return round(DAYS[self.logged] * 86400.0 / STEP[self.logged])
+
+
+def random_process(count: int, memory: float, rng: np.random.Generator) -> np.ndarray:
+    """An Ornstein-Uhlenbeck process of variance 1 every `FINE` seconds."""
+    keep = np.exp(-FINE / 3600.0 / memory)
+    draws = rng.standard_normal(count)
+    draws[0] /= np.sqrt(1.0 - keep**2)
+    return lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], draws)
+
+
+def heat_of(kind: Kind, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """The heat's rate at all times, K/s, and its profile over the wall."""
+    x = np.linspace(0.0, 1.0, 3001)
+    course = random_process(count, kind.memory, rng)
+    if kind.heat == "wall":
+        return 3.0 / 86400.0 * course, np.ones_like(x)
+    depth = DEPTH / LENGTH
+    profile = 2.0 / depth * np.maximum(1.0 - (1.0 - x) / depth, 0.0)
+    return (5.0 if kind.heat == "face" else 0.0) / (CAPACITY * LENGTH) * course, profile
+
+
+def simulated(kind: Kind, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The readings of faces, sensors and plates of one record."""
+    code = (list(DAYS).index(kind.logged), HEATS.index(kind.heat), round(kind.memory))
+    rng = np.random.default_rng([SEED, *code, number])
+    stride, before = round(STEP[kind.logged] / FINE), round(BEFORE * 86400.0 / FINE)
+    count = before + (kind.rows - 1) * stride + 1
+    rate = DIFFUSIVITY / LENGTH**2
+    faces = weather(count, FINE, rng, hours=(8.0, 2.0))
+    heat, profile = heat_of(kind, count, rng)
+    warmer, more = heated(heat, FINE, profile, rate, PLACES)
+    rows = slice(before, None, stride)
+    inside = (temperatures(faces, FINE, PLACES, rate) + warmer)[rows]
+    through = (CONDUCTIVITY / LENGTH * (fluxes(faces, FINE, rate) + more))[rows]
+    gains = 1.0 + GAIN_STD * rng.standard_normal(2)
+    return (
+        faces[rows] + FACE_STD * rng.standard_normal((kind.rows, 2)),
+        inside + SENSOR_STD * rng.standard_normal(inside.shape),
+        gains * through + FLUX_STD * rng.standard_normal(through.shape),
+    )
+
+
+def estimated(kind: Kind, number: int, option: str) -> dict:
+    """What `estimate` says of one record."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import wallid
+    from wallid.case.options import Choices
+
+    faces, inside, through = simulated(kind, number)
+    time = STEP[kind.logged] * np.arange(kind.rows)
+    with_plates = kind.logged == "plates"
+    names = () if with_plates else ("T1", "T2")
+    record = wallid.Record(
+        time, time, None, faces, np.empty((kind.rows, 0)) if with_plates else inside, names,
+        regressors={f"flux_{side}": through[:, k] for k, side in enumerate(("left", "right")) if with_plates},
+        boundary_noise_std=FACE_STD, flux_noise_std=FLUX_STD, flux_gain_std=GAIN_STD,
+    )  # fmt: skip
+    sensors = tuple(wallid.Sensor(n, LENGTH * x, noise_std=SENSOR_STD) for n, x in zip(names, PLACES, strict=False))
+    wall = wallid.Wall(length=LENGTH, diffusivity_prior=7e-7, outside="right")
+    choices = Choices(initial_profile=1 if with_plates else 2, model="lom", disturbance=option)
+    case = wallid.Case("slab", Path("case.toml"), wall, sensors, record, choices)
+    fit = wallid.estimate(case)
+    found = {"diffusivity": (fit.value, fit.std, fit.interval_95, DIFFUSIVITY)}
+    if fit.thermal is not None:
+        R, C = fit.thermal.resistance, fit.thermal.areal_heat_capacity
+        found["resistance"] = (R.value, R.std, R.interval_95, LENGTH / CONDUCTIVITY)
+        found["capacity"] = (C.value, C.std, C.interval_95, LENGTH * CAPACITY)
+    quantities = {
+        name: {
+            "z": float(np.log(value / truth) / (std / value)),
+            "width": float(np.log(high / low) / 2),
+            "held": bool(low <= truth <= high),
+        }
+        for name, (value, std, (low, high), truth) in found.items()
+    }
+    disturbance = (
+        None
+        if fit.disturbance is None
+        else [
+            fit.disturbance.place,
+            fit.disturbance.std,
+            fit.disturbance.time_constant / 3600.0,
+            fit.disturbance.evidence,
+        ]
+    )
+    return asdict(kind) | {
+        "number": number,
+        "option": option,
+        "reliable": fit.reliable,
+        "reason": fit.reason[:60],
+        "quantities": quantities,
+        "disturbance": disturbance,
+    }
+
+
+def summary(outcomes: list[dict]) -> str:
+    """Coverage, mean and spread of the standardised error, and median half width, by kind and option."""
+    lines = [
+        "| logged | heat | memory, h | option | quantity | records | reliable | found | hold the truth | z: mean, spread | half width |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    keys = sorted({(o["logged"], o["heat"], o["memory"], o["option"]) for o in outcomes})
+    for key in keys:
+        some = [o for o in outcomes if (o["logged"], o["heat"], o["memory"], o["option"]) == key]
+        found = sum(o["disturbance"] is not None for o in some)
+        reliable = sum(o["reliable"] for o in some)
+        for name in some[0]["quantities"]:
+            each = [o["quantities"][name] for o in some]
+            z = np.array([one["z"] for one in each])
+            held = np.mean([one["held"] for one in each])
+            width = np.median([one["width"] for one in each])
+            lines.append(
+                f"| {key[0]} | {key[1]} | {key[2]:g} | {key[3]} | {name} | {len(some)} | {reliable} | {found} | {held:.1%} "
+                f"| {z.mean():+.2f}, {z.std():.2f} | {width:.1%} |"
+            )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Run what the log does not have yet, and print the summary."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--records", type=int, default=400, help="of each kind")
+    parser.add_argument("--log", type=Path, default=Path("disturbance.jsonl"))
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    parser.add_argument("--logged", nargs="*", default=list(DAYS))
+    parser.add_argument("--options", nargs="*", default=list(OPTIONS))
+    arguments = parser.parse_args()
+    done = [json.loads(line) for line in arguments.log.read_text().splitlines()] if arguments.log.exists() else []
+    known = {(o["logged"], o["heat"], o["memory"], o["number"], o["option"]) for o in done}
+    kinds = [
+        Kind(*one) for one in product(arguments.logged, HEATS, MEMORIES) if one[1] != "nothing" or one[2] == MEMORIES[0]
+    ]
+    tasks = [
+        (kind, number, option)
+        for number in range(arguments.records)
+        for kind in kinds
+        for option in arguments.options
+        if (kind.logged, kind.heat, kind.memory, number, option) not in known
+    ]
+    with (
+        ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool,
+        arguments.log.open("a") as log,
+    ):
+        for future in as_completed([pool.submit(estimated, *task) for task in tasks]):
+            outcome = future.result()
+            done.append(outcome)
+            log.write(json.dumps(outcome) + "\n")
+            log.flush()
+    print(summary(done))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,132 @@
+"""The covariance of the readings due to a disturbance, for readings that are means over bins of rows.
+
+With `Phi` and `Q` the exact step over one row (`models.disturbance`), `m` rows in a bin and `P_j` the covariance of the
+states at the first row of bin j:
+
+    P_{j+1} = Phi^m P_j (Phi^m)' + Q_m,      C_m = (C + C Phi + ... + C Phi^(m-1)) / m
+    Cov(y_j, y_j) = C_m P_j C_m' + V_m,      Cov(y_i, y_j) = C_m (Phi^m)^(i-j-1) (Phi^m P_j C_m' + W_m), i > j
+
+`Q_m`, `V_m` and `W_m` are the covariances of the states after a bin, of the bin's mean, and between both, by what enters
+within the bin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from .._internal.units import DAY
+from ..models.disturbance import GaussianStep, MaternProcess, Smoothness, gaussian_step, with_slow_modes
+from ..models.finite_volume_wall import HeatProfile
+from ..models.state_space import StateSpace
+
+DEPTHS = (1.0 / 12.0, 1.0 / 24.0, 1.0 / 6.0, 1.0 / 3.0)
+"""Over the length: the depths over which heat behind a face may decay; the first is tried first."""
+HEAT_PROFILES = (
+    HeatProfile("wall"),
+    *(HeatProfile(face, depth) for depth in DEPTHS for face in ("left", "right")),
+)
+"""Where heat that the model does not know may be released."""
+
+
+def binned_covariance(step: GaussianStep, bins: int, rows_per_bin: int) -> Float[np.ndarray, "output bin output bin"]:
+    """The covariance of the outputs' means over bins, for a step over one row."""
+    transition, noise, C = (np.asarray(part) for part in (step.transition, step.noise, step.C))
+    states, outputs = len(transition), len(C)
+    of_states, of_sum, between = np.zeros((states, states)), np.zeros((outputs, outputs)), np.zeros((states, outputs))
+    mean, over_bin, total = C, np.eye(states), np.zeros_like(C)
+    for _ in range(rows_per_bin):
+        total = total + mean
+        mean = mean @ transition
+        over_bin = transition @ over_bin
+        with_sum = C @ between
+        of_sum = of_sum + with_sum + with_sum.T + C @ of_states @ C.T
+        between = transition @ (between + of_states @ C.T)
+        of_states = transition @ of_states @ transition.T + noise
+    of_mean, between, C_m = of_sum / rows_per_bin**2, between / rows_per_bin, total / rows_per_bin
+    later = np.empty((bins, outputs, states))
+    later[0] = C_m
+    for k in range(1, bins):
+        later[k] = later[k - 1] @ over_bin
+    covariance = np.empty((outputs, bins, outputs, bins))
+    at_start = np.asarray(step.initial)
+    for j in range(bins):
+        covariance[:, j, :, j] = C_m @ at_start @ C_m.T + of_mean
+        after = over_bin @ at_start @ C_m.T + between
+        block = later[: bins - j - 1] @ after  # (bin, output, output)
+        covariance[:, j + 1 :, :, j] = block.transpose(1, 0, 2)
+        covariance[:, j, :, j + 1 :] = block.transpose(2, 1, 0)
+        at_start = over_bin @ at_start @ over_bin.T + of_states
+    return covariance
+
+
+@dataclass(frozen=True, eq=False)
+class DisturbedReadings:
+    """The readings of a window as a disturbance of unit size changes them.
+
+    Args:
+        system: full-order or reduced-order, in its modes, with an input for each of `HEAT_PROFILES`.
+        fourier: Fo, 1.
+        step: between rows, in t_ref.
+        reference_time: t_ref, s. temperature: T_ref, K.
+        scale: each output's reading for one unit of the model's output, K or W/m2, `(output,)`.
+        heating: rate of temperature by 1 W/m2 released in the whole wall, K/s.
+        in_flux: whether sizes are in W/m2; else in K/day, as the mean over the wall.
+    """
+
+    system: StateSpace
+    fourier: float
+    step: float
+    reference_time: float
+    temperature: float
+    scale: np.ndarray
+    heating: float
+    in_flux: bool
+
+    @property
+    def unit(self) -> str:
+        """Of the sizes."""
+        return "W/m2" if self.in_flux else "K/day"
+
+    @property
+    def unit_rate(self) -> float:
+        """The model's input of heat for one unit of the size."""
+        return (self.heating if self.in_flux else 1.0 / DAY) * self.reference_time / self.temperature
+
+    @cached_property
+    def slow(self) -> StateSpace:
+        """The model without the modes that decay within a row."""
+        return with_slow_modes(self.system, self.fourier, self.step)
+
+    def step_of(self, profile: HeatProfile, std: float, time_constant: float, smoothness: Smoothness) -> GaussianStep:
+        """The exact step over one row, its outputs in the readings' units.
+
+        Args:
+            profile: of `HEAT_PROFILES`.
+            std: of the heat, in `unit`.
+            time_constant: s.
+            smoothness: of the process.
+        """
+        process = MaternProcess(std * self.unit_rate, time_constant / self.reference_time, smoothness)
+        column = 2 + HEAT_PROFILES.index(profile)
+        one = gaussian_step(self.slow, self.fourier, self.step, process, column, cubic=False)
+        return GaussianStep(
+            one.transition, one.W0, one.W1, one.noise, one.initial,
+            self.scale[:, None] * one.C, self.scale[:, None] * one.D,
+        )  # fmt: skip
+
+    def covariance(
+        self, profile: HeatProfile, time_constant: float, smoothness: Smoothness, bins: int, rows_per_bin: int
+    ) -> Float[np.ndarray, "reading reading"]:
+        """The covariance of the binned readings for a size of one unit, in the readings' units squared.
+
+        Args:
+            profile: of `HEAT_PROFILES`. time_constant: s. smoothness: of the process.
+            bins, rows_per_bin: of the readings.
+        """
+        blocks = binned_covariance(self.step_of(profile, 1.0, time_constant, smoothness), bins, rows_per_bin)
+        readings = blocks.shape[0] * bins
+        return blocks.reshape(readings, readings)
