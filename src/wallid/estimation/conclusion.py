@@ -249,7 +249,7 @@ def _noise_description(fit: GLSFit) -> str:
     if fit.robust is not None:
         return f"weighted as stated, the interval by {fit.robust}"
     if fit.disturbance is not None:
-        return f"{fit.noise}, and {fit.disturbance}"
+        return f"{fit.noise} beside the disturbance"
     return str(fit.noise) if fit.noise_estimated else "noise as stated"
 
 

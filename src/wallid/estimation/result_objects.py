@@ -152,6 +152,7 @@ class Estimate(ResultObject):
             f"reduced chi-square {self.reduced_chi_square:.2f} "
             f"(about 1 where the stated noise explains it); {self.noise_description}",
         ]
+        lines += [] if self.disturbance is None else [f"disturbance  {self.disturbance}"]
         lines += [f"advice       {text}" for text in self.advice]
         if self.thermal is not None:  # the average method does not depend on the estimate
             lines += self.thermal.property_lines if self.reliable and not flux_only else []
@@ -213,6 +214,7 @@ class Estimate(ResultObject):
             },
             "wall_parameters": {name: one.result() for name, one in self.wall_parameters.items()},
             "thermal": self.thermal,
+            "disturbance": self.disturbance,
         }
         return plain_value(entries)
 

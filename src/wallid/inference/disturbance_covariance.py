@@ -4,10 +4,11 @@ With `Phi` and `Q` the exact step over one row (`models.disturbance`), `m` rows 
 states at the first row of bin j:
 
     P_{j+1} = Phi^m P_j (Phi^m)' + Q_m,      C_m = (C + C Phi + ... + C Phi^(m-1)) / m
-    Cov(y_j, y_j) = C_m P_j C_m' + V_m,      Cov(y_i, y_j) = C_m (Phi^m)^(i-j-1) (Phi^m P_j C_m' + W_m), i > j
+    Cov(y_j, y_j) = C_m P_j C_m' + V_m
+    Cov(y_i, y_j) = C_m (Phi^m)^(i-j-1) (Phi^m P_j C_m' + W_m),      i > j
 
-`Q_m`, `V_m` and `W_m` are the covariances of the states after a bin, of the bin's mean, and between both, by what enters
-within the bin.
+`Q_m`, `V_m` and `W_m` are the covariances of the states after a bin, of the bin's mean, and between both, by what
+enters within the bin.
 """
 
 from __future__ import annotations
@@ -19,9 +20,13 @@ import numpy as np
 from jaxtyping import Float
 
 from .._internal.units import DAY
+from ..case.case_definition import Case
+from ..case.initial_profile import scales
 from ..models.disturbance import GaussianStep, MaternProcess, Smoothness, gaussian_step, with_slow_modes
 from ..models.finite_volume_wall import HeatProfile
+from ..models.flux_plates import fluxes_of, full_order_model_with_plates
 from ..models.state_space import StateSpace
+from ..models.window_inputs import WindowData
 
 DEPTHS = (1.0 / 12.0, 1.0 / 24.0, 1.0 / 6.0, 1.0 / 3.0)
 """Over the length: the depths over which heat behind a face may decay; the first is tried first."""
@@ -130,3 +135,37 @@ class DisturbedReadings:
         blocks = binned_covariance(self.step_of(profile, 1.0, time_constant, smoothness), bins, rows_per_bin)
         readings = blocks.shape[0] * bins
         return blocks.reshape(readings, readings)
+
+
+def disturbed_readings(
+    case: Case,
+    data: WindowData,
+    diffusivity: float,
+    *,
+    conductance: float = 0.0,
+    contacts: tuple[float, float] = (0.0, 0.0),
+    wall: np.ndarray | None = None,
+    spacing: int = 1,
+) -> DisturbedReadings:
+    """How heat that the model does not know would change the readings, by the full-order model.
+
+    Args:
+        case: with its sensors and plates.
+        data: of a window.
+        diffusivity: m2/s.
+        conductance: conductivity over length, W/m2/K; needed with plates.
+        contacts: length of wall with the resistance between each face and its sensor, m.
+        wall: the wall's own parameters, in prior standard deviations.
+        spacing: of the rows with readings.
+    """
+    scale, plates, temperature = scales(case), len(fluxes_of(case)), float(data.temperature)
+    return DisturbedReadings(
+        system=full_order_model_with_plates(case, wall, contacts=contacts, heat=HEAT_PROFILES),
+        fourier=float(scale.fourier_number(diffusivity)),
+        step=float(data.step) * spacing,
+        reference_time=scale.time,
+        temperature=temperature,
+        scale=np.array([temperature] * len(case.sensors) + [temperature * conductance] * plates),
+        heating=diffusivity / (conductance * case.wall.length**2) if plates else 0.0,
+        in_flux=plates > 0,
+    )

@@ -76,13 +76,17 @@ class Disturbance(ResultObject):
         keys = ("place", "std", "unit", "time_constant", "evidence", "smoothness")
         return plain_value({key: getattr(self, key) for key in keys})
 
-    def __str__(self) -> str:
+    @property
+    def heat(self) -> str:
+        """Where the heat is and how large, in words."""
         where = "spread through the wall" if self.place == "wall" else f"behind the {self.place} face"
         unit = "W/m2" if self.unit == "W/m2" else "K a day"
-        return (
-            f"heat {where} that no column explains: {self.std:.2g} {unit}, with a memory of "
-            f"{self.time_constant / 3600.0:.2g} h (evidence {self.evidence:.0f})"
-        )
+        hours = self.time_constant / 3600.0
+        memory = f"{hours:.2g} h" if hours < 48.0 else f"{hours / 24.0:.2g} days"
+        return f"heat {where} that no column explains ({self.std:.2g} {unit}, memory {memory})"
+
+    def __str__(self) -> str:
+        return f"{self.heat}, evidence {self.evidence:.0f}"
 
 
 class _Point(NamedTuple):

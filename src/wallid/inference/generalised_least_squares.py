@@ -16,7 +16,6 @@ from ..case.initial_profile import scales
 from ..case.time_window import Window
 from ..models.flux_plates import (
     flux_noise_std,
-    fluxes_of,
     full_order_model_with_plates,
     initial_conductivity,
     with_filtered_faces,
@@ -26,7 +25,7 @@ from ..models.integration import Integrator
 from ..models.state_space import StateSpace
 from ..models.wall_parameters import clipped_to_prior
 from ..models.window_inputs import WindowData
-from .disturbance_covariance import HEAT_PROFILES, DisturbedReadings
+from .disturbance_covariance import DisturbedReadings, disturbed_readings
 from .disturbance_search import EVIDENCE, Disturbance, RestrictedLikelihood, find_disturbance
 from .gls_fit import GLSFit
 from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, LikelihoodProblem, face_response, minimise
@@ -224,19 +223,11 @@ class _IteratedGLS:
         )  # fmt: skip
 
     def _disturbed_readings(self, point: Linearisation, conductance: float) -> DisturbedReadings:
-        """How heat that the model does not know would change the readings, by the full-order model at a point."""
-        case, scale, plates = self.case, scales(self.case), len(fluxes_of(self.case))
-        temperature = float(self.data.temperature)
-        return DisturbedReadings(
-            system=full_order_model_with_plates(case, point.wall, contacts=self._contacts(point), heat=HEAT_PROFILES),
-            fourier=float(scale.fourier_number(point.diffusivity)),
-            step=float(self.data.step) * self.spacing,
-            reference_time=scale.time,
-            temperature=temperature,
-            scale=np.array([temperature] * len(case.sensors) + [temperature * conductance] * plates),
-            heating=point.diffusivity / (conductance * case.wall.length**2) if plates else 0.0,
-            in_flux=plates > 0,
-        )
+        """How heat that the model does not know would change the readings, at a point."""
+        return disturbed_readings(
+            self.case, self.data, point.diffusivity,
+            conductance=conductance, contacts=self._contacts(point), wall=point.wall, spacing=self.spacing,
+        )  # fmt: skip
 
     def _disturbance(
         self,

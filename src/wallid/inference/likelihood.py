@@ -194,6 +194,12 @@ def minimise(
 
 
 @eqx.filter_jit
+def predicted_jacobian(problem: LikelihoodProblem, y: Float[Array, " param"]) -> Float[Array, "time sensor param"]:
+    """The derivative of the predicted readings at the rows, K or W/m2."""
+    return jax.jacfwd(problem.predicted)(y)
+
+
+@eqx.filter_jit
 def profile_likelihood(problem: LikelihoodProblem, log_alpha: Float[Array, " point"]) -> Float[Array, " point"]:
     """The profile of `-2 log L` over ln(alpha/start), nuisance parameters integrated out, without `log det R`.
 

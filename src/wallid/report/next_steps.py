@@ -51,6 +51,11 @@ def next_steps(run: Run) -> list[str]:
             "run `wallid diagnose` on the case: it fits the effects, says which one is missing, and corrects the "
             "diffusivity for it"
         )
+    elif run.fit is not None and run.fit.disturbance is not None:
+        steps.append(
+            f"look for the {run.fit.disturbance.heat}, and log what may cause it (irradiance, the air's temperature, a "
+            "heater); `wallid diagnose` says whether a known effect explains it"
+        )
     elif run.fit is not None and run.case.sensors and not run.unreliable_reason:
         steps.append("use the value; `wallid diagnose` tests each effect of the library more closely")
     if run.fit is not None and run.fit.thermal is not None:

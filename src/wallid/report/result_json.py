@@ -109,6 +109,7 @@ def _fit(run: Run, fit: Estimate) -> dict[str, Any]:
     for key, values, unit in errors:
         entries[key] = {name: {"value": value, "std": std, "unit": unit} for name, (value, std) in values.items()}
     entries["interval"], entries["advice"] = _interval(fit), list(fit.advice)
+    entries["disturbance"] = None if fit.disturbance is None else fit.disturbance.to_dict()
     entries |= _identifiability(fit)
     if fit.thermal is not None:
         floor = fit.expected_rms(flux=True) if fit.noise_rms else flux_noise_std(run.case)
@@ -186,6 +187,7 @@ def _thermal(thermal: ThermalProperties) -> dict[str, Any]:
     """Entries of the thermal properties from the fluxes, and of the average method of ISO 9869-1."""
     names = ("conductivity", "heat_capacity", "resistance", "areal_heat_capacity", "transmittance")
     entries: dict[str, Any] = {name: getattr(thermal, name).result() for name in names}
+    entries["contact_resistances"] = {face: one.result() for face, one in thermal.contact_resistances.items()}
     entries["plate_gains"] = {
         f"flux_{face}": {"value": value, "std": std, "unit": "-"} for face, (value, std) in thermal.plate_gains.items()
     }

@@ -63,7 +63,8 @@ def _record(case: Case) -> Iterator[tuple[str, str]]:
 
 def _choices(case: Case) -> Iterator[tuple[str, str]]:
     defaults = {
-        "noise": "robust" if fluxes_of(case) else "estimated",
+        "noise": "estimated",
+        "disturbance": "auto" if fluxes_of(case) else "none",
         "diagnose_days": "the entire record",
         "initial_coefficients": "fitted to the readings",
     }

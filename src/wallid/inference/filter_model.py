@@ -1,0 +1,234 @@
+"""The model of a fit's readings for the Kalman filter: the same likelihood as the dense covariance, row by row.
+
+The readings minus the fit's prediction are, in the states of the model,
+
+    y_t = c (C x_t + D (e_t + a_t)) + J_t beta + b_t + v_t
+
+`x` are the wall's modes with the states of the disturbance (`models.disturbance`). `e` and `a` are the white and the
+autocorrelated part of the noise of the faces, which goes through the wall with straight lines between rows. `b` is the
+autocorrelated noise of the sensors, `v` their white noise. `beta` are the deviations of the estimated parameters from
+the fit, constant, with their priors; offsets, calibrations and the initial profile are among them. `c` are K or W/m2
+for one unit of the model's outputs.
+
+Between its rows a face is in error by a process with a known autocovariance (`records.face_variation`). In the filter
+it is an autoregression of second order with the same variance and the same first two lags.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+import scipy
+
+from .._internal.arrays import on_device
+from ..case.case_definition import Case
+from ..models.disturbance import GaussianStep, MaternProcess, gaussian_step
+from .disturbance_covariance import HEAT_PROFILES, DisturbedReadings, disturbed_readings
+from .gls_fit import GLSFit
+from .kalman_filter import Filtered, LinearGaussianModel, Smoothed, covariance_root, kalman_filter, kalman_smoother
+from .likelihood import LOG_CONDUCTIVITY, predicted_jacobian
+from .nuisance_parameters import ContactResistances, WallParameters, contact_lengths
+
+_UNKNOWN_STD = 3.0  # of ln(alpha), which has no prior
+_SMALLEST_STD = 1e-9  # of a reading over its noise, so that no reading is exact
+
+
+@dataclass(frozen=True, eq=False)
+class FilterModel:
+    """The filter's model of a window, and its readings.
+
+    Args:
+        model: of the states.
+        readings: measured minus predicted by the fit, K or W/m2, 0 where missing, `(time, output)`.
+        present: where there is a reading.
+        disturbance: the state that is the heat, and the size of one unit of it in the unit of the disturbance; None
+            without one.
+        unit: of the disturbance.
+    """
+
+    model: LinearGaussianModel
+    readings: np.ndarray
+    present: np.ndarray
+    disturbance: tuple[int, float] | None
+    unit: str
+
+    def filtered(self, rows: int | None = None) -> Filtered:
+        """The states given the readings up to each row, of the first rows."""
+        rows = len(self.readings) if rows is None else rows
+        return kalman_filter(self.model.first_rows(rows), *self._data(rows))
+
+    def smoothed(self) -> Smoothed:
+        """The states given all readings."""
+        return kalman_smoother(self.model, self.filtered(), *self._data(len(self.readings)))
+
+    def _data(self, rows: int) -> tuple:
+        return on_device(self.readings[:rows]), jnp.asarray(self.present[:rows])
+
+    def smoothed_heat(self) -> tuple[np.ndarray, np.ndarray]:
+        """The course of the disturbance given all readings and its standard deviation, in `unit`, `(time,)`.
+
+        Raises:
+            ValueError: the fit has no disturbance.
+        """
+        if self.disturbance is None:
+            raise ValueError("smoothed_heat: the fit has no disturbance")
+        state, unit = self.disturbance
+        smoothed = self.smoothed()
+        std = np.linalg.norm(np.asarray(smoothed.root)[:, state], axis=1)
+        return np.asarray(smoothed.mean)[:, state] / unit, std / unit
+
+
+def filter_model(case: Case, fit: GLSFit) -> FilterModel:
+    """The filter's model of the window of a fit.
+
+    Args:
+        case: of the fit.
+        fit: its noise, the errors of the faces, its disturbance and the priors of its parameters are the model's.
+    """
+    readings = readings_at(case, fit)
+    jacobian = np.asarray(predicted_jacobian(fit.problem, fit.minimum.vector))[:, :, fit.estimated_indices]
+    shape, noise, disturbance = fit.noise_shape, fit.robust or fit.noise, fit.disturbance
+    data = fit.problem.data
+    present = np.asarray(data.weight) > 0
+    size = 0.0 if disturbance is None else disturbance.std * readings.unit_rate
+    time_constant = readings.reference_time if disturbance is None else disturbance.time_constant
+    smoothness = "matern-1/2" if disturbance is None else disturbance.smoothness
+    process = MaternProcess(size, time_constant / readings.reference_time, smoothness)
+    column = 2 + (0 if disturbance is None else HEAT_PROFILES.index(disturbance.profile))
+    wall = gaussian_step(readings.slow, readings.fourier, readings.step, process, column, cubic=False)
+    states = _States(fit, wall, readings)
+    states.add_wall()
+    states.add_face_noise(shape.face_std * math.sqrt(noise.white), [], "white")
+    if noise.autocorrelated > 0:
+        total = math.sqrt(noise.autocorrelated)
+        states.add_face_noise(shape.face_std * total, [noise.correlation], "autocorrelated")
+        states.add_sensor_noise(shape.sensor_std * total, noise.correlation)
+    for side, autocovariance in enumerate(shape.face_errors):
+        if autocovariance[0] > 0:
+            states.add_face_noise(math.sqrt(autocovariance[0]), _second_order(autocovariance), "between", (side,))
+    outputs = states.add_parameters(jacobian)
+    white = shape.sensor_std * math.sqrt(noise.white)
+    model = LinearGaussianModel(
+        transition=states.transition,
+        noise_root=states.noise_root,
+        initial_mean=states.initial_mean,
+        initial_root=states.initial_root,
+        outputs=outputs,
+        output_std=np.maximum(white, _SMALLEST_STD * shape.sensor_std),
+    )
+    residual = np.asarray(data.observed) - np.asarray(fit.minimum.predicted)
+    heat = None if disturbance is None else (readings.slow.order, readings.unit_rate)
+    return FilterModel(model, np.where(present, residual, 0.0), present, heat, readings.unit)
+
+
+def readings_at(case: Case, fit: GLSFit) -> DisturbedReadings:
+    """How heat changes the readings, by the full-order model at a fit."""
+    parameters, data, conductance, contacts = fit.parameters, fit.problem.data, 0.0, (0.0, 0.0)
+    if LOG_CONDUCTIVITY in parameters:
+        reference = float(fit.problem.nuisance.flux[0]) / float(data.temperature)
+        conductance = reference * math.exp(float(parameters[LOG_CONDUCTIVITY]))
+        names = parameters.of_kind(ContactResistances.kind)
+        contacts = contact_lengths(reference * case.wall.length, names, np.asarray(parameters.vector(names)))
+    names = parameters.of_kind(WallParameters.kind)
+    wall = np.asarray(parameters.vector(names)) / np.asarray(parameters.prior_std)[parameters.indices(names)]
+    return disturbed_readings(case, data, fit.diffusivity, conductance=conductance, contacts=contacts, wall=wall)
+
+
+def _second_order(autocovariance: np.ndarray) -> list[float]:
+    """The coefficients of an autoregression with these first lags (Yule and Walker); none where it is white."""
+    lags = np.pad(autocovariance, (0, 3))[:3] / autocovariance[0]
+    if abs(lags[1]) < 1e-12 and abs(lags[2]) < 1e-12:
+        return []
+    first, second = scipy.linalg.solve_toeplitz(lags[:2], lags[1:])
+    return [float(first), float(second)] if abs(second) > 1e-12 else [float(first)]
+
+
+class _States:
+    """The states of the filter's model, added part by part."""
+
+    def __init__(self, fit: GLSFit, wall: GaussianStep, readings: DisturbedReadings):
+        self.fit, self.wall, self.readings = fit, wall, readings
+        self.W0, self.W1 = np.asarray(wall.W0), np.asarray(wall.W1)
+        self.outputs_count = len(np.asarray(wall.C))
+        self.transition = self.noise_root = self.initial_root = np.zeros((0, 0))
+        self.C = np.zeros((self.outputs_count, 0))
+
+    @property
+    def initial_mean(self) -> np.ndarray:
+        """Zero, except for the parameters, whose priors are not about the fit."""
+        mean = np.zeros(len(self.transition))
+        z = self.fit.z.copy()
+        z[0] = 0.0
+        mean[len(mean) - len(z) :] = -z
+        return mean
+
+    def _append(self, transition: np.ndarray, noise: np.ndarray, initial: np.ndarray, C: np.ndarray) -> None:
+        """Independent states after the ones that are there."""
+        self.transition = scipy.linalg.block_diag(self.transition, transition)
+        self.noise_root = scipy.linalg.block_diag(self.noise_root, noise)
+        self.initial_root = scipy.linalg.block_diag(self.initial_root, initial)
+        self.C = np.concatenate([self.C, C], axis=1)
+
+    def add_wall(self) -> None:
+        """The wall's modes, and the disturbance."""
+        wall = self.wall
+        noise, initial = covariance_root(np.asarray(wall.noise)), covariance_root(np.asarray(wall.initial))
+        self._append(np.asarray(wall.transition), noise, initial, self.readings.scale[:, None] * np.asarray(wall.C))
+        self.wall_states = len(self.transition)
+
+    def add_face_noise(self, std: float, coefficients: list[float], kind: str, sides: tuple[int, ...] = (0, 1)) -> None:
+        """Noise of the faces as an autoregression, which enters the wall on straight lines between rows.
+
+        Args:
+            std: K. coefficients: of the autoregression; none for white noise.
+            kind: for messages. sides: 0 for the left face, 1 for the right one.
+        """
+        if std == 0.0:
+            return
+        order = max(1, len(coefficients))
+        companion = np.eye(order, k=-1)
+        companion[0, : len(coefficients)] = coefficients
+        stationary = _stationary_covariance(companion, std / self.readings.temperature)
+        step = stationary - companion @ stationary @ companion.T
+        innovation = math.sqrt(max(float(step[0, 0]), 0.0))
+        for side in sides:
+            first = len(self.transition)
+            own = covariance_root(stationary)
+            direct = self.readings.scale * np.asarray(self.wall.D)[:, side]
+            C = np.zeros((self.outputs_count, order))
+            C[:, 0] = direct
+            self._append(companion, np.eye(order, 1) * innovation, own, C)
+            # x_{t+1} = .. + W0 e_t + W1 e_{t+1}
+            rows = slice(0, self.wall_states)
+            self.transition[rows, first] += self.W0[:, side]
+            self.transition[rows, first : first + order] += np.outer(self.W1[:, side], companion[0])
+            self.noise_root[rows, -1] += self.W1[:, side] * innovation
+            columns = slice(self.initial_root.shape[1] - own.shape[1], None)
+            self.initial_root[rows, columns] += np.outer(self.W1[:, side], own[0])
+
+    def add_sensor_noise(self, std: np.ndarray, correlation: float) -> None:
+        """Autocorrelated noise of each reading, `(output,)`."""
+        count = len(std)
+        innovation = math.sqrt(1.0 - correlation**2)
+        self._append(correlation * np.eye(count), innovation * np.diag(std), np.diag(std), np.eye(count))
+
+    def add_parameters(self, jacobian: np.ndarray) -> np.ndarray:
+        """The deviations of the parameters from the fit; returns the outputs of all states at each row."""
+        rows, outputs, count = jacobian.shape
+        prior = np.ones(count)
+        prior[0] = _UNKNOWN_STD
+        self._append(np.eye(count), np.zeros((count, 0)), np.diag(prior), np.zeros((outputs, count)))
+        each = np.broadcast_to(self.C, (rows, *self.C.shape)).copy()
+        each[:, :, -count:] = jacobian
+        return each
+
+
+def _stationary_covariance(companion: np.ndarray, std: float) -> np.ndarray:
+    """The covariance of an autoregression's states, for a standard deviation of its value."""
+    innovation = np.zeros_like(companion)
+    innovation[0, 0] = 1.0
+    covariance = scipy.linalg.solve_discrete_lyapunov(companion, innovation)
+    return covariance * std**2 / covariance[0, 0]
