@@ -112,7 +112,8 @@ class RestrictedLikelihood:
         self.present = present
         self.columns = np.column_stack([jacobian, residual])[present]
         # a scale that is kept in a difference of costs: only the first parameter has no prior
-        self.size = np.maximum(np.linalg.norm(self.columns[:, :-1], axis=0), 1e-300)
+        norms = np.linalg.norm(self.columns[:, :-1], axis=0)
+        self.size = np.where(norms > 0.0, norms, 1.0)
         self.precision = np.ones(jacobian.shape[1])
         self.precision[0] = 0.0
         self.prior = -self.precision * deviation

@@ -16,6 +16,7 @@ from ..case.initial_profile import scales
 from ..case.time_window import Window
 from ..models.flux_plates import (
     flux_noise_std,
+    fluxes_of,
     full_order_model_with_plates,
     initial_conductivity,
     with_filtered_faces,
@@ -25,6 +26,7 @@ from ..models.integration import Integrator
 from ..models.state_space import StateSpace
 from ..models.wall_parameters import clipped_to_prior
 from ..models.window_inputs import WindowData
+from .contact_test import SIGNIFICANT, contact_scores
 from .disturbance_covariance import DisturbedReadings, disturbed_readings
 from .disturbance_search import EVIDENCE, Disturbance, RestrictedLikelihood, find_disturbance
 from .gls_fit import GLSFit
@@ -78,38 +80,20 @@ def fit_generalised_least_squares(
         kinds: of nuisance parameters.
 
     Returns:
-        the fit of the last iteration.
+        the fit of the last iteration. Contact resistances at plates are estimated only where the record shows one.
     """
     data = _first_rows(with_filtered_faces(case, window, with_flux(case, window, data)), rows_used)
-    gls = _IteratedGLS(case, window, data, kinds, eta, explicit_theta, integrator)
-    wall_names = gls.parameters.of_kind(WallParameters.kind)
-    bent = gls.parameters.of_kind(WallParameters.kind, ContactResistances.kind)  # far from linear
-    full_order = full_order_model_with_plates(case)
-    start = float(np.clip(first, *gls.bounds)) / case.wall.diffusivity_prior
-    parameters, fit = gls.parameters.with_values({LOG_DIFFUSIVITY: math.log(start)}), None
-    for _ in range(_MAX_WALL_ITERATIONS if bent else _MAX_ITERATIONS):
-        point = Linearisation(case, window, data, gls.diffusivity(parameters), parameters)
-        if wall_names:
-            system = full_order = full_order_model_with_plates(case, point.wall)
-        fit = gls.iterate(system, full_order, point, fit)
-        change = abs(math.log(fit.diffusivity / point.diffusivity)) if math.isfinite(fit.diffusivity) else math.inf
-        converged = change < _CONVERGED * fit.log_std and _converged(fit, parameters, bent)
-        if not math.isfinite(change) or (fit.iterations > 1 and converged):
-            break
-        parameters = fit.parameters
-        if bent:  # the model is linear about the last values: a step is one prior standard deviation at most
-            indices, last = parameters.indices(bent), point.in_prior_std(bent)
-            std = np.asarray(parameters.prior_std)[indices]
-            z = np.clip(np.asarray(parameters.values)[indices] / std, last - 1.0, last + 1.0)
-            parameters = parameters.with_values(dict(zip(bent, std * clipped_to_prior(z), strict=True)))
-    assert fit is not None
-    if wall_names:  # the reduced chi-square of the first iteration was that of the prior wall
-        whitened = fit.noise_shape.stated_covariance().whitening @ np.asarray(fit.minimum.residual)
-        z = np.asarray(fit.minimum.vector)[1:]
-        fit = replace(fit, reduced_chi_square=float(whitened @ whitened + z @ z) / gls.degrees_of_freedom)
-    if gls.noise_option == "robust" and gls.noise_can_be_estimated and math.isfinite(fit.diffusivity):
-        return replace(fit, robust=_noise_of_residual(fit.noise_shape, fit))
-    return fit
+
+    def fit_with(kinds: Sequence[NuisanceKind], first: float) -> GLSFit:
+        return _IteratedGLS(case, window, data, kinds, eta, explicit_theta, integrator).fit(system, first)
+
+    simpler = [kind for kind in kinds if kind.kind != ContactResistances.kind]
+    if not fluxes_of(case) or len(simpler) == len(kinds):
+        return fit_with(kinds, first)
+    fit = fit_with(simpler, first)
+    if not fit.finite or max(contact_scores(case, fit).values()) < SIGNIFICANT:
+        return fit
+    return fit_with(kinds, fit.diffusivity)
 
 
 def _first_rows(data: WindowData, rows: int | None) -> WindowData:
@@ -152,6 +136,37 @@ class _IteratedGLS:
         self.conductivity = initial_conductivity(case, window) if LOG_CONDUCTIVITY in self.parameters else 0.0
         self.bounds = distinguishable_range(case, window)
         self.record = case.record.window(window.row, window.rows)
+
+    def fit(self, system: StateSpace, first: float) -> GLSFit:
+        """The fit of the last iteration, from a first diffusivity in m2/s."""
+        wall_names = self.parameters.of_kind(WallParameters.kind)
+        bent = self.parameters.of_kind(WallParameters.kind, ContactResistances.kind)  # far from linear
+        full_order = full_order_model_with_plates(self.case)
+        start = float(np.clip(first, *self.bounds)) / self.case.wall.diffusivity_prior
+        parameters, fit = self.parameters.with_values({LOG_DIFFUSIVITY: math.log(start)}), None
+        for _ in range(_MAX_WALL_ITERATIONS if bent else _MAX_ITERATIONS):
+            point = Linearisation(self.case, self.window, self.data, self.diffusivity(parameters), parameters)
+            if wall_names:
+                system = full_order = full_order_model_with_plates(self.case, point.wall)
+            fit = self.iterate(system, full_order, point, fit)
+            change = abs(math.log(fit.diffusivity / point.diffusivity)) if math.isfinite(fit.diffusivity) else math.inf
+            converged = change < _CONVERGED * fit.log_std and _converged(fit, parameters, bent)
+            if not math.isfinite(change) or (fit.iterations > 1 and converged):
+                break
+            parameters = fit.parameters
+            if bent:  # the model is linear about the last values: a step is one prior standard deviation at most
+                indices, last = parameters.indices(bent), point.in_prior_std(bent)
+                std = np.asarray(parameters.prior_std)[indices]
+                z = np.clip(np.asarray(parameters.values)[indices] / std, last - 1.0, last + 1.0)
+                parameters = parameters.with_values(dict(zip(bent, std * clipped_to_prior(z), strict=True)))
+        assert fit is not None
+        if wall_names:  # the reduced chi-square of the first iteration was that of the prior wall
+            whitened = fit.noise_shape.stated_covariance().whitening @ np.asarray(fit.minimum.residual)
+            z = np.asarray(fit.minimum.vector)[1:]
+            fit = replace(fit, reduced_chi_square=float(whitened @ whitened + z @ z) / self.degrees_of_freedom)
+        if self.noise_option == "robust" and self.noise_can_be_estimated and math.isfinite(fit.diffusivity):
+            return replace(fit, robust=_noise_of_residual(fit.noise_shape, fit))
+        return fit
 
     def diffusivity(self, parameters: Parameters) -> float:
         """The diffusivity, m2/s."""
