@@ -147,10 +147,8 @@ def estimated(kind: Kind, number: int, option: str) -> dict:
 
 def summary(outcomes: list[dict]) -> str:
     """Coverage, mean and spread of the standardised error, and median half width, by kind and option."""
-    lines = [
-        "| logged | heat | memory, h | option | quantity | records | reliable | found | hold the truth | z: mean, spread | half width |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
+    head = "logged | heat | memory, h | option | quantity | records | reliable | found | hold the truth"
+    lines = [f"| {head} | z: mean, spread | half width |", "|---|---|---|---|---|---|---|---|---|---|---|"]
     keys = sorted({(o["logged"], o["heat"], o["memory"], o["option"]) for o in outcomes})
     for key in keys:
         some = [o for o in outcomes if (o["logged"], o["heat"], o["memory"], o["option"]) == key]
@@ -162,8 +160,8 @@ def summary(outcomes: list[dict]) -> str:
             held = np.mean([one["held"] for one in each])
             width = np.median([one["width"] for one in each])
             lines.append(
-                f"| {key[0]} | {key[1]} | {key[2]:g} | {key[3]} | {name} | {len(some)} | {reliable} | {found} | {held:.1%} "
-                f"| {z.mean():+.2f}, {z.std():.2f} | {width:.1%} |"
+                f"| {key[0]} | {key[1]} | {key[2]:g} | {key[3]} | {name} | {len(some)} | {reliable} | {found} "
+                f"| {held:.1%} | {z.mean():+.2f}, {z.std():.2f} | {width:.1%} |"
             )
     return "\n".join(lines)
 

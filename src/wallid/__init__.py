@@ -20,11 +20,13 @@ if TYPE_CHECKING:
     from .estimation import (
         CampaignEstimate,
         Estimate,
+        Forecast,
         Prediction,
         WallEstimates,
         campaign,
         estimate,
         estimate_walls,
+        forecast,
         predict,
     )
     from .experiment_design import CampaignPlan, Design, SensorPlacement, design, place_sensors
@@ -39,8 +41,8 @@ _NAMES = {
     "case": ("PlannedCampaign", "Case", "Layer", "Sensor", "Wall", "Window", "load", "load_campaign"),
     "discrepancy": ("Diagnosis", "diagnose", "plan"),
     "estimation": (
-        *("CampaignEstimate", "Estimate", "Prediction", "WallEstimates"),
-        *("campaign", "estimate", "estimate_walls", "predict"),
+        *("CampaignEstimate", "Estimate", "Forecast", "Prediction", "WallEstimates"),
+        *("campaign", "estimate", "estimate_walls", "forecast", "predict"),
     ),
     "experiment_design": ("CampaignPlan", "Design", "SensorPlacement", "design", "place_sensors"),
     "models": ("StateSpace", "full_order_model", "sensitivity", "simulate"),
@@ -84,6 +86,7 @@ __all__ = [
     "Design",
     "Diagnosis",
     "Estimate",
+    "Forecast",
     "InputError",
     "Layer",
     "LearnedModel",
@@ -101,6 +104,7 @@ __all__ = [
     "diagnose",
     "estimate",
     "estimate_walls",
+    "forecast",
     "full_order_model",
     "learn",
     "load",

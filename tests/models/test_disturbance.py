@@ -32,11 +32,11 @@ def wall_model(nodes=41, layers=(), profiles=PROFILES):
 
 
 def dense(step, time):
-    """Transition and noise by one large matrix exponential (Van Loan), of rates that do not overflow it."""
+    """Transition by SciPy's exponential, and noise by its solution of Lyapunov's equation."""
     F, L = step
-    n = len(F)
-    full = scipy.linalg.expm(time * np.block([[F, L @ L.T], [np.zeros((n, n)), -F.T]]))
-    return full[:n, :n], full[:n, n:] @ full[:n, :n].T
+    transition = scipy.linalg.expm(time * F)
+    stationary = scipy.linalg.solve_continuous_lyapunov(F, -L @ L.T)
+    return transition, stationary - transition @ stationary @ transition.T
 
 
 @pytest.mark.parametrize("smoothness", SMOOTHNESS)
@@ -96,7 +96,7 @@ def test_a_unit_of_heat_warms_the_wall_by_one():
     log_step=st.floats(-6.0, -1.0),
 )
 def test_the_step_is_exact(smoothness, profile, log_time_constant, log_step):
-    """Against the exponential of the whole matrix; and the noise against Van Loan's."""
+    """Against the exponential of the whole matrix, and the noise against Lyapunov's equation."""
     system, fourier, step = wall_model(9).modal(), 1.3, float(np.exp(log_step))
     process = MaternProcess(0.7, float(np.exp(log_time_constant)), smoothness)
     one = gaussian_step(system, fourier, step, process, 2 + profile)

@@ -1,4 +1,4 @@
-"""The command line: `wallid demo | new | check | plan | run | design | estimate | diagnose`."""
+"""The command line: `wallid demo | new | check | plan | run | design | estimate | diagnose | forecast`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..case.wizard import new_case, parse_sensor
 from ..case.wizard_dialogue import parse_length
 from ..case.wizard_plan import PlanAnswers, new_plan, parse_azimuth, parse_indoor
 from ..records.file_format import FileFormat
-from .execution import exit_with_error, run_command, run_plan
+from .execution import exit_with_error, run_command, run_forecast, run_plan
 from .options import (
     DEFAULT_OUT,
     CaseArgument,
@@ -385,3 +385,34 @@ def diagnose(
     It takes about a minute; `[choices] diagnose_days` shortens the record.
     """
     run_command(case, None, ("diagnose",), out, json, quiet, formats)
+
+
+@app.command()
+def forecast(
+    case: CaseArgument,
+    start: Annotated[
+        str,
+        typer.Option("--from", metavar="TIME", help="First row of the forecast, as in the record: 2026-01-31T12:00."),
+    ],
+    hours: Annotated[float, typer.Option("--hours", help="Length of the forecast.", min=0.0)] = 24.0,
+    days: Annotated[
+        float, typer.Option("--days", help="Days of readings before it, from which the wall is estimated.", min=0.0)
+    ] = 7.0,
+    faces: Annotated[
+        Literal["record", "persistence"],
+        typer.Option(
+            "--faces",
+            help="The faces after TIME: as logged (as the day before where the record ends), or as the day before.",
+        ),
+    ] = "record",
+    out: Out = DEFAULT_OUT,
+    json: Json = False,
+    quiet: Quiet = False,
+    formats: Formats = "png",
+) -> None:
+    """Forecast the readings of all sensors and plates after a time, with their standard deviations.
+
+    The wall, the noise and heat that no column explains are estimated from the readings before. `forecast.csv` has a
+    mean and a standard deviation (`NAME_std`) for each sensor and plate, row by row.
+    """
+    run_forecast(case, start, hours, days, faces, out, json, quiet, formats)

@@ -24,6 +24,7 @@ from .._internal.xla_options import prepare_xla
 from ..case.case_definition import Case
 from ..case.case_file import load, load_campaign
 from ..case.time_window import Window, check_unbroken, window_rows
+from ..estimation.forecasting import Forecast
 from ..experiment_design.campaign_plan.plan_result import CampaignPlan
 from .output import print_message, print_output
 from .progress import ProgressDisplay, progress_display
@@ -127,6 +128,44 @@ def run_plan(name: str, out: Path, json: bool, quiet: bool, formats: str) -> Non
         raise typer.Exit(1)
 
 
+def run_forecast(
+    name: str, start: str, hours: float, days: float, faces: str, out: Path, json: bool, quiet: bool, formats: str
+) -> None:
+    """Load a case, forecast its readings, write the files and print a summary.
+
+    Args:
+        name: of the case, as the user stated it.
+        start, hours, days, faces: as for `forecast`.
+        out, json, quiet, formats: the options with these names.
+
+    Raises:
+        typer.Exit: status 2 for invalid input.
+    """
+    from ..estimation.forecasting import forecast
+    from ..report import writer as report
+
+    try:
+        figure_formats = report.parse_formats(formats)
+        with progress_display(quiet or json) as display:
+            display.step("reading the case", 0.0)
+            _configure_process()
+            case = load(name)
+            report.check_output_folder(out)
+            began = clock.perf_counter()
+            progress = part_of(display.step, 0.05, 0.9)
+            result = forecast(case, start, hours, days=days, faces=faces, progress=progress)  # pyright: ignore[reportArgumentType] (typer has checked it)
+            display.line(
+                stage_line("forecast", f"{result.hours:.3g} h from {result.start}", clock.perf_counter() - began)
+            )
+            written = _written(display, partial(report.write_forecast, result, out, formats=figure_formats))
+    except InputError as error:
+        exit_with_error(error)
+    if json:
+        print_output((out / "result.json").read_text("utf-8"), end="")
+    elif not quiet:
+        print_output("\n".join(_summary(result, written)))
+
+
 def _written(display: ProgressDisplay, write: Callable[..., list[Path]]) -> list[Path]:
     """Write the files of a command, and show the line of this stage.
 
@@ -141,7 +180,7 @@ def _written(display: ProgressDisplay, write: Callable[..., list[Path]]) -> list
     return written
 
 
-def _summary(result: workflow.Run | CampaignPlan, written: list[Path]) -> list[str]:
+def _summary(result: workflow.Run | CampaignPlan | Forecast, written: list[Path]) -> list[str]:
     """The results, and the names of the written files."""
     text = terminal_text(str(result), sys.stdout.encoding)
     lines = [text, f"\nwrote        {', '.join(path.name for path in written)} to {written[0].parent}"]

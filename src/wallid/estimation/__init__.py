@@ -1,6 +1,7 @@
 """The thermal properties of one window, of many windows, of many walls."""
 
 from .diffusivity import estimate, seconds_of_estimate
+from .forecasting import Forecast, StepErrors, forecast
 from .heat_flux import ThermalProperties
 from .iso_9869 import AverageMethod, average_method, resistance_over_time
 from .many_walls import WallEstimates, estimate_walls
@@ -12,14 +13,17 @@ __all__ = [
     "AverageMethod",
     "CampaignEstimate",
     "Estimate",
+    "Forecast",
     "HeatLoads",
     "Prediction",
+    "StepErrors",
     "ThermalProperties",
     "WallEstimates",
     "average_method",
     "campaign",
     "estimate",
     "estimate_walls",
+    "forecast",
     "predict",
     "resistance_over_time",
     "seconds_of_estimate",

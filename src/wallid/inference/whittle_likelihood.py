@@ -112,6 +112,7 @@ class _Whittle:
         between_rows = np.einsum("fk,fks->ks", between, np.abs(spectrum) ** 2)
         self.spectra: dict[float, np.ndarray] = {}  # of autocorrelated noise, by rho
         present = shape.counts.T > 0  # (sensor, bin)
+        self.has_readings = np.repeat(present.any(axis=1), shape.bin_count)
         self.present_share = present.mean(axis=1).clip(0.05)  # missing readings reduce the power at each frequency
         self.between_rows = (between_rows * self.present_share).T.reshape(-1)
         self.residual = self._transform(residual)
@@ -150,7 +151,7 @@ class _Whittle:
         whitened = self.residual / np.sqrt(density)
         projected = whitened - basis @ (basis.T @ whitened)
         remaining = 1.0 - (basis**2).sum(axis=1)
-        self.used = remaining > _MIN_SHARE
+        self.used = (remaining > _MIN_SHARE) & self.has_readings
         self.weight = remaining[self.used]
         self.power = projected[self.used] ** 2 * density[self.used] / self.weight
 

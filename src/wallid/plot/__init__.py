@@ -15,6 +15,7 @@ from .average_method import average_resistance
 from .campaign_plan import interval_by_accuracy, interval_by_days, interval_by_start
 from .estimate_window import convergence, initial_profile, measured_against_simulated, reading_interval, residual
 from .experiment_design import criterion, sampling_steps, sensor_placement, window_lengths
+from .forecast_bands import errors_ahead, forecast_band
 from .heat_flux import flux_density, flux_interval, flux_residual, measured_flux
 from .house_style import (
     BLUE,
@@ -76,11 +77,13 @@ __all__ = [
     "cumulative_periodogram",
     "data_availability",
     "error_by_order",
+    "errors_ahead",
     "figure",
     "flux_density",
     "flux_interval",
     "flux_residual",
     "flux_sensitivity",
+    "forecast_band",
     "forest",
     "heat_load",
     "hourly_residual",

@@ -22,8 +22,9 @@ The slow part is the daily cycle and the smooth process as its Wiener filter fin
 
     W(theta) = sum_j S_smooth(theta + 2 pi j) / f_d(theta)
 
-The readings without their noise are the daily cycle and both processes as the Wiener filter finds them, `H = S_d / f_d`
-with `S_d = sum_j S(theta + 2 pi j)`. They are in error by a stationary process with the spectrum `S_d s^2 / f_d`.
+The readings without their noise are the daily cycle and what the Wiener filter finds in the rest, `H = 1 - n / f_d`.
+The noise `n` is the stated `s^2`, or the smallest value of `f_d` where that is lower. They are in error by a stationary
+process with the spectrum `H n`.
 
 Source: P. Whittle, Ark. Mat. 2 (1953), 423; A. M. Yaglom, Correlation Theory of Stationary and Related Random Functions
 (1987), 1.
@@ -139,12 +140,13 @@ def _errors_of_one(values: np.ndarray, step: float, noise_std: float) -> tuple[n
     theta = np.maximum(np.minimum(_GRID, 2.0 * np.pi - _GRID), 1e-6)
     spectrum = _error_spectrum(theta, smooth, smooth_rate, rough, rough_rate)
     slow = _parts(theta, smooth, smooth_rate, 0.0, rough_rate).sum(axis=1)
-    signal = _parts(theta, smooth, smooth_rate, rough, rough_rate).sum(axis=1)
+    total = _parts(theta, smooth, smooth_rate, rough, rough_rate).sum(axis=1) + noise
+    white = min(max(noise_std, _SMALLEST_NOISE) ** 2, float(total.min()))
     return (
         np.fft.ifft(spectrum).real[:_LAGS],
-        _around_row(slow / (signal + noise)),
-        _around_row(signal / (signal + noise)),
-        np.fft.ifft(signal * noise / (signal + noise)).real[:_LAGS],
+        _around_row(slow / total),
+        _around_row(1.0 - white / total),
+        np.fft.ifft((total - white) * white / total).real[:_LAGS],
     )
 
 

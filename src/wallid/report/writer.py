@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from .._internal.errors import InputError
 from .._internal.interrupts import give_up_if_interrupted, signals_held, written
+from ..estimation.forecasting import Forecast
 from ..experiment_design.campaign_plan.plan_result import CampaignPlan
 from ..workflow import Run
 from .result_json import SCHEMA, result_entries
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 FORMATS = ("png", "svg", "pdf")
 """Formats of figure files."""
-COMMANDS = ("demo", "run", "check", "design", "estimate", "diagnose", "plan")
+COMMANDS = ("demo", "run", "check", "design", "estimate", "diagnose", "plan", "forecast")
 """Commands that write a report; each keeps the report of another command in its folder."""
 _COMMAND = re.compile(rf"wallid (?P<name>{'|'.join(COMMANDS)})\b")
 
@@ -86,6 +87,25 @@ def write_plan(plan: CampaignPlan, out: str | Path, command: str = "", formats: 
     """
     with _errors_name_the_folder(Path(out)):
         return write_files(_contents_of_plan(plan, command, formats), out, command)
+
+
+def write_forecast(
+    forecast: Forecast, out: str | Path, command: str = "", formats: Sequence[str] = ("png",)
+) -> list[Path]:
+    """Write result.json, forecast.csv, report.html and the figures of a forecast into a folder: all, or none.
+
+    Args:
+        forecast: the forecast.
+        out, command, formats: as in `write_report`.
+
+    Returns:
+        Paths of the files.
+
+    Raises:
+        InputError: the folder cannot be created or written.
+    """
+    with _errors_name_the_folder(Path(out)):
+        return write_files(_contents_of_forecast(forecast, command, formats), out, command)
 
 
 def _figure_files(figures: Sequence[DrawnFigure]) -> dict[str, bytes]:
@@ -280,5 +300,21 @@ def _contents_of_plan(plan: CampaignPlan, command: str, formats: Sequence[str]) 
     entries |= {"plan": plan.to_dict()} | ({"command": command} if command else {})
     entries["files"] = [*files, "report.html", "result.json"]
     files["report.html"] = render_plan_page(plan, drawn, command).encode()
+    files["result.json"] = (_as_json(entries) + "\n").encode()
+    return files
+
+
+def _contents_of_forecast(forecast: Forecast, command: str, formats: Sequence[str]) -> dict[str, bytes]:
+    """The contents of all files of a forecast by name, `result.json` last."""
+    from .forecast_page import forecast_figures, render_forecast_page
+    from .svg import draw_figure
+
+    drawn = [draw_figure(stem, figure, formats) for stem, figure in forecast_figures(forecast)]
+    files = _figure_files(drawn) | {"forecast.csv": forecast.to_csv().encode()}
+    disturbance = None if forecast.disturbance is None else forecast.disturbance.to_dict()
+    entries: dict[str, Any] = {"schema": SCHEMA, "case": forecast.case.name, "diffusivity": None, "verdict": None}
+    entries |= {"forecast": forecast.to_dict(), "disturbance": disturbance} | ({"command": command} if command else {})
+    entries["files"] = [*files, "report.html", "result.json"]
+    files["report.html"] = render_forecast_page(forecast, drawn, command).encode()
     files["result.json"] = (_as_json(entries) + "\n").encode()
     return files

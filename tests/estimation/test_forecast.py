@@ -1,0 +1,204 @@
+"""Forecasts of walls with heat that no column explains; the truth is sine series, no part of wallid."""
+
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from benchmarks.accuracy.disturbance import (
+    FACE_STD,
+    FLUX_STD,
+    GAIN_STD,
+    LENGTH,
+    PLACES,
+    SENSOR_STD,
+    STEP,
+    Kind,
+    simulated,
+)
+from numpy.testing import assert_allclose
+from pages import check
+from typer.testing import CliRunner
+
+import wallid
+from wallid import plot
+from wallid.case.options import Choices
+from wallid.case.time_window import entire_record
+from wallid.cli.commands import app
+from wallid.estimation.forecasting import step_errors
+from wallid.inference.filter_model import filter_model
+from wallid.inference.generalised_least_squares import fit_generalised_least_squares
+from wallid.models.flux_plates import full_order_model_with_plates
+from wallid.models.window_inputs import window_data
+from wallid.report.page import page_environment
+
+SENSORS = Kind("sensors", "wall", 3.0)
+DAY_ROWS = round(86400.0 / STEP["sensors"])
+
+
+def case_of(kind=SENSORS, number=5000):
+    """A record of one kind; its number is outside those of the benchmark."""
+    faces, inside, through = simulated(kind, number)
+    time = STEP[kind.logged] * np.arange(kind.rows)
+    stamps = np.datetime64("2026-03-01T00:00:00") + (1e9 * time).astype("timedelta64[ns]")
+    with_plates = kind.logged == "plates"
+    names = () if with_plates else ("T1", "T2")
+    record = wallid.Record(
+        time,
+        stamps.astype("datetime64[ns]"),
+        None,
+        faces,
+        np.empty((kind.rows, 0)) if with_plates else inside,
+        names,
+        regressors={f"flux_{side}": through[:, k] for k, side in enumerate(("left", "right")) if with_plates},
+        boundary_noise_std=FACE_STD,
+        flux_noise_std=FLUX_STD,
+        flux_gain_std=GAIN_STD,
+    )
+    sensors = tuple(wallid.Sensor(n, LENGTH * x, noise_std=SENSOR_STD) for n, x in zip(names, PLACES, strict=False))
+    wall = wallid.Wall(length=LENGTH, diffusivity_prior=7e-7, outside="right")
+    return wallid.Case("slab", Path("case.toml"), wall, sensors, record, Choices(initial_profile=2 - with_plates))
+
+
+@pytest.fixture(scope="module")
+def found():
+    return wallid.forecast(case_of(), "2026-03-05T00:00", 24.0)
+
+
+def test_the_band_holds_the_readings(found):
+    assert found.mean.shape == found.std.shape == (DAY_ROWS, 2)
+    assert min(found.inside) > 0.8, "of 48 dependent readings"
+    assert found.disturbance is not None and found.disturbance.place == "wall"
+    assert 1.0 < found.disturbance.std < 6.0 and found.disturbance.unit == "K/day"
+    first, last = found.std[0], found.std[-1]
+    assert np.all(first > SENSOR_STD) and np.all(last > 2 * first), "it grows as the readings age"
+    residual = found.measured[found.first :] - found.mean
+    assert np.sqrt(np.nanmean(residual**2)) < 0.6
+    for one in found.step_errors:
+        assert min(one.coverage) > 0.85 and one.hours in (1.0, 6.0, 24.0)
+    assert found.step_errors[0].rms < found.step_errors[-1].rms
+
+
+def test_the_first_step_is_the_filters_innovation():
+    """One row ahead, the errors over their standard deviations are the innovations of the filter."""
+    case = case_of()
+    window = entire_record(case)
+    fit = fit_generalised_least_squares(
+        case, window, window_data(case, window), full_order_model_with_plates(case), 5e-7, eta=1e-8
+    )
+    states = filter_model(case, fit)
+    rows = case.record.rows
+    one = step_errors(states, rows, case.record.step, (case.record.step / 3600.0,))[0]
+    begin = rows // 5 + 1
+    filtered = states.filtered()
+    H = np.asarray(states.model.outputs)[begin:]
+    predicted = np.einsum("tos,ts->to", H, np.asarray(filtered.predicted_mean)[begin:])
+    assert_allclose(one.rms, np.sqrt(np.mean((states.readings[begin:] - predicted) ** 2, axis=0)), rtol=1e-9)
+
+
+def test_persistence_goes_on_from_the_last_reading(found):
+    """After the record's end the faces are those of a day before, moved; the error grows from nothing."""
+    case = case_of()
+    stamp = str(case.record.stamp(case.record.rows))
+    after = wallid.forecast(case, stamp, 36.0)
+    assert after.faces == "persistence" and not np.isfinite(after.measured[after.first :]).any()
+    faces, rows = np.asarray(after.case.record.faces), case.record.rows
+    moved = faces[rows - 1] - faces[rows - 1 - DAY_ROWS]
+    assert_allclose(faces[rows : rows + DAY_ROWS], faces[rows - DAY_ROWS : rows] + moved)
+    assert_allclose(faces[rows + DAY_ROWS], faces[rows - DAY_ROWS + 0] + moved)
+    persistent = wallid.forecast(case_of(), "2026-03-05T00:00", 24.0, faces="persistence")
+    assert np.all(persistent.std[-1] > found.std[-1]) and np.all(np.isnan(after.inside))
+    assert_allclose(persistent.std[0], found.std[0], rtol=0.2)
+
+
+def test_plates_are_forecast_too():
+    found = wallid.forecast(case_of(Kind("plates", "wall", 48.0)), "2026-03-03T00:00", 12.0)
+    assert found.names == ("flux_left", "flux_right") and found.units == ("W/m2", "W/m2")
+    assert min(found.inside) > 0.7
+    assert found.disturbance.unit == "W/m2"
+
+
+def test_the_tables_have_a_mean_and_a_std_for_each_output(found):
+    frame = found.to_frame()
+    assert list(frame.columns) == ["T1", "T1_std", "T2", "T2_std"] and frame.index.name == "time"
+    read = pd.read_csv(io.StringIO(found.to_csv()))
+    assert list(read.columns) == ["time", *frame.columns]
+    assert read["time"][0] == "2026-03-05T00:00:00" and len(read) == DAY_ROWS
+    assert_allclose(read["T2_std"], found.std[:, 1], rtol=1e-4)
+    assert "in the 95 % band" in str(found) and "<table" in found._repr_html_()
+    assert set(found.to_dict()) == {"start", "hours", "faces", "training_days", "outputs", "step_errors"}
+
+
+@pytest.mark.parametrize(
+    ("start", "message"),
+    [
+        ("2027-01-01", "must lie between"),
+        ("tomorrow", "such as 2026-03-01"),
+        ("2026-03-01T05:00", "needs at least 24"),
+    ],
+)
+def test_a_time_that_cannot_be_is_refused(start, message):
+    with pytest.raises(wallid.InputError, match=message):
+        wallid.forecast(case_of(), start)
+
+
+def test_other_arguments_that_cannot_be_are_refused():
+    with pytest.raises(wallid.InputError, match="hours"):
+        wallid.forecast(case_of(), "2026-03-05", -1.0)
+    seconds = replace(case_of().record, stamps=case_of().record.time)
+    with pytest.raises(wallid.InputError, match="has seconds"):
+        wallid.forecast(replace(case_of(), record=seconds), "2026-03-05")
+
+
+def test_figures(found):
+    ax = plot.forecast_band(found, 0)
+    assert ax.get_ylabel() == "temperature (°C)" and ax.lines[0].get_ydata()[-1] == found.mean[-1, 0]
+    bars = plot.errors_ahead(found).containers
+    assert len(bars) == 2 and bars[0][0].get_height() == pytest.approx(100 * found.step_errors[0].coverage[0])
+    with pytest.raises(ValueError, match="no predictions"):
+        plot.errors_ahead(replace(found, step_errors=()))
+
+
+def test_on_the_command_line(tmp_path):
+    case = case_of()
+    frame = case.record.to_frame()
+    frame.columns = ["left", "right", "T1", "T2"][: frame.shape[1]]
+    frame.to_csv(tmp_path / "record.csv", index_label="time")
+    (tmp_path / "case.toml").write_text(
+        f"""
+        [wall]
+        length = {LENGTH}
+        diffusivity_prior = 7e-7
+        [record]
+        file = "record.csv"
+        time = "time"
+        left = "left"
+        right = "right"
+        boundary_noise_std = {FACE_STD}
+        [[sensor]]
+        name = "T1"
+        position = {LENGTH * PLACES[0]}
+        noise_std = {SENSOR_STD}
+        [[sensor]]
+        name = "T2"
+        position = {LENGTH * PLACES[1]}
+        noise_std = {SENSOR_STD}
+        """
+    )
+    out = tmp_path / "out"
+    arguments = ["forecast", str(tmp_path), "--from", "2026-03-05T00:00", "--hours", "6", "--out", str(out), "--json"]
+    run = CliRunner().invoke(app, arguments)
+    assert run.exit_code == 0, run.output
+    result = json.loads(run.stdout)
+    assert result["disturbance"]["place"] == "wall" and result["forecast"]["hours"] == 6.0
+    assert {path.name for path in out.iterdir()} == {
+        "result.json", "report.html", "forecast.csv", "forecast.png", "ahead.png"
+    }  # fmt: skip
+    page = check((out / "report.html").read_text("utf-8"))
+    assert "Can the bands be believed?" in page.text
+    assert page_environment().get_template("forecast.html")
+    wrong = CliRunner().invoke(app, ["forecast", str(tmp_path), "--from", "never", "--out", str(out)])
+    assert wrong.exit_code == 2 and "--from never" in wrong.stderr
