@@ -16,9 +16,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from .._internal.arrays import on_device
 from .._internal.units import DAY
 from ..case.case_definition import Case
 from ..case.initial_profile import scales
@@ -118,10 +120,8 @@ class DisturbedReadings:
         process = MaternProcess(std * self.unit_rate, time_constant / self.reference_time, smoothness)
         column = 2 + HEAT_PROFILES.index(profile)
         one = gaussian_step(self.slow, self.fourier, self.step, process, column, cubic=False)
-        return GaussianStep(
-            one.transition, one.W0, one.W1, one.noise, one.initial,
-            self.scale[:, None] * one.C, self.scale[:, None] * one.D,
-        )  # fmt: skip
+        scale = on_device(self.scale[:, None])
+        return eqx.tree_at(lambda step: (step.C, step.D), one, (scale * one.C, scale * one.D))
 
     def covariance(
         self, profile: HeatProfile, time_constant: float, smoothness: Smoothness, bins: int, rows_per_bin: int

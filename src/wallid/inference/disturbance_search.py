@@ -40,6 +40,7 @@ _TIMES = 6  # of the grid
 _SIZES = np.exp(np.arange(-2.1, 3.6, 0.7))  # standard deviation of the readings by the disturbance over the noise's
 _NOISE_STEP = 0.25  # of ln v
 _NOISE_SIZES = np.exp(np.arange(-5.0, 5.1, _NOISE_STEP))
+_STORED = 60  # covariances of unit size
 _EVALUATIONS = 40  # of the search about the best point of the grid
 _SMOOTHNESS: tuple[Smoothness, ...] = ("matern-1/2", "matern-3/2")
 
@@ -89,8 +90,20 @@ class Disturbance(ResultObject):
         return f"{self.heat}, evidence {self.evidence:.0f}"
 
 
+class _Candidate(NamedTuple):
+    """A disturbance to be tried; `size` is that of the readings by it over that of the noise."""
+
+    profile: HeatProfile
+    time_constant: float
+    size: float
+    smoothness: Smoothness = "matern-1/2"
+
+
 class _Point(NamedTuple):
-    """The restricted likelihood at one covariance: its cost, `v`, and the parameters' estimates and covariance."""
+    """The restricted likelihood at one covariance: its cost, `v`, and the parameters' estimates and covariance.
+
+    `cost` is -2 log L; of a candidate with its priors.
+    """
 
     cost: float
     noise_size: float
@@ -176,26 +189,29 @@ def find_disturbance(
         without: the noise as estimated without a disturbance; None for white noise.
     """
     search = _Search(readings, shape, step, likelihood)
-    main = HEAT_PROFILES[:3]
-    points = {key: search.at(*key) for key in product(main, search.times, _SIZES)}
-    profile, time_constant, size = min(points, key=lambda key: points[key][1])
-    if profile.place != "wall":
-        others = [HeatProfile(profile.place, depth) for depth in DEPTHS[1:]]
-        points |= {key: search.at(*key) for key in product(others, [time_constant], [0.5 * size, size, 2.0 * size])}
-    best, smoothness = search.refined(*min(points, key=lambda key: points[key][1]))
-    (profile, time_constant, size), (point, cost) = best
+    times_and_sizes = list(product(search.times.tolist(), _SIZES.tolist()))
+    grid = [_Candidate(profile, time, size) for profile in HEAT_PROFILES[:3] for time, size in times_and_sizes]
+    points = {one: search.at(one) for one in grid}
+    first = min(points, key=lambda one: points[one].cost)
+    if first.profile.place != "wall":
+        others = [HeatProfile(first.profile.place, depth) for depth in DEPTHS[1:]]
+        sizes = (0.5 * first.size, first.size, 2.0 * first.size)
+        deeper = [first._replace(profile=profile, size=size) for profile, size in product(others, sizes)]
+        points |= {one: search.at(one) for one in deeper}
+        first = min(points, key=lambda one: points[one].cost)
+    best, point = search.refined(first)
     none = likelihood.at(search.white).cost
     if without is not None:
         none = min(none, likelihood.at(search.noise_alone(without)).cost)
     return Disturbance(
-        profile=profile,
-        std=search.std(profile, time_constant, size, point, smoothness),
+        profile=best.profile,
+        std=search.std(best, point),
         unit=readings.unit,
-        time_constant=time_constant,
-        smoothness=smoothness,
-        evidence=none - cost,
+        time_constant=best.time_constant,
+        smoothness=best.smoothness,
+        evidence=none - point.cost,
         noise_size=point.noise_size,
-        inflation=_inflation(point, [one for one, _ in points.values()], np.array([c for _, c in points.values()])),
+        inflation=_inflation(point, list(points.values())),
     )
 
 
@@ -210,67 +226,64 @@ class _Search:
         self.white = shape.stated_covariance().covariance
         window = step * shape.rows_per_bin * shape.bin_count
         self.times = np.geomspace(max(2.0 * step, 900.0), max(window / 2.0, 8.0 * step), _TIMES)
-        self.units: dict[tuple[HeatProfile, float, Smoothness], tuple[np.ndarray, float]] = {}
+        self.units: dict[_Candidate, tuple[np.ndarray, float]] = {}
 
     def noise_alone(self, noise: NoiseCovariance) -> np.ndarray:
         """The covariance of noise of this shape with a total variance of 1."""
         total = noise.white + noise.autocorrelated
         return self.shape.covariance_of(noise.white / total, noise.autocorrelated / total, noise.correlation).covariance
 
-    def unit(self, profile: HeatProfile, time_constant: float, smoothness: Smoothness) -> tuple[np.ndarray, float]:
+    def unit(self, one: _Candidate) -> tuple[np.ndarray, float]:
         """The covariance by a disturbance of one unit, and the mean of the noise's variance over its own."""
-        key = profile, time_constant, smoothness
+        key = one._replace(size=1.0)
         if key not in self.units:
+            if len(self.units) > _STORED:
+                self.units.clear()
             bins, rows = self.shape.bin_count, self.shape.rows_per_bin
-            covariance = self.readings.covariance(profile, time_constant, smoothness, bins, rows)
+            covariance = self.readings.covariance(one.profile, one.time_constant, one.smoothness, bins, rows)
             present = self.likelihood.present
             ratio = np.diag(covariance)[present] / np.diag(self.white)[present]
             self.units[key] = covariance, 1.0 / float(ratio.mean())
         return self.units[key]
 
-    def std(
-        self, profile: HeatProfile, time_constant: float, size: float, point: _Point, smoothness: Smoothness
-    ) -> float:
+    def std(self, one: _Candidate, point: _Point) -> float:
         """The size in W/m2 or K/day."""
-        return size * math.sqrt(self.unit(profile, time_constant, smoothness)[1] * point.noise_size)
+        return one.size * math.sqrt(self.unit(one)[1] * point.noise_size)
 
-    def at(
-        self, profile: HeatProfile, time_constant: float, size: float, smoothness: Smoothness = "matern-1/2"
-    ) -> tuple[_Point, float]:
-        """The likelihood at one disturbance, and its cost with the priors."""
-        covariance, ratio = self.unit(profile, time_constant, smoothness)
-        point = self.likelihood.at(self.white + size**2 * ratio * covariance)
-        std = self.std(profile, time_constant, size, point, smoothness)
-        priors = 6.0 * std / LARGEST_STD + (math.log(time_constant / _TYPICAL_TIME) / _TIME_SPREAD) ** 2
-        return point, point.cost + priors
+    def at(self, one: _Candidate) -> _Point:
+        """The likelihood at one disturbance; its cost with the priors."""
+        covariance, ratio = self.unit(one)
+        point = self.likelihood.at(self.white + one.size**2 * ratio * covariance)
+        priors = 6.0 * self.std(one, point) / LARGEST_STD
+        priors += (math.log(one.time_constant / _TYPICAL_TIME) / _TIME_SPREAD) ** 2
+        return point._replace(cost=point.cost + priors)
 
-    def refined(
-        self, profile: HeatProfile, time_constant: float, size: float
-    ) -> tuple[tuple[tuple, tuple], Smoothness]:
+    def refined(self, first: _Candidate) -> tuple[_Candidate, _Point]:
         """The minimum about a point of the grid, for the smoothness with the lower cost."""
-        found = []
-        bounds = np.log([self.times[0], self.times[-1]])
+        bounds, found = np.log([self.times[0], self.times[-1]]), []
+        start = np.log([first.time_constant, first.size])
+        simplex = start + np.array([[0.0, 0.0], [0.4, 0.0], [0.0, 0.3]])
+        options = {"initial_simplex": simplex, "maxfev": _EVALUATIONS, "xatol": 0.03, "fatol": 0.05}
         for smoothness in _SMOOTHNESS:
 
-            def cost(y: np.ndarray, smoothness: Smoothness = smoothness) -> float:
-                self.units.clear() if len(self.units) > 60 else None
-                time = math.exp(float(np.clip(y[0], *bounds)))
-                return self.at(profile, time, math.exp(float(y[1])), smoothness)[1]
+            def candidate(y: np.ndarray, smoothness: Smoothness = smoothness) -> _Candidate:
+                time_constant = math.exp(float(np.clip(y[0], *bounds)))
+                return _Candidate(first.profile, time_constant, math.exp(float(y[1])), smoothness)
 
-            start = np.log([time_constant, size])
-            simplex = start + np.array([[0.0, 0.0], [0.4, 0.0], [0.0, 0.3]])
-            options = {"initial_simplex": simplex, "maxfev": _EVALUATIONS, "xatol": 0.03, "fatol": 0.05}
-            y = scipy.optimize.minimize(cost, start, method="Nelder-Mead", options=options).x
-            at = profile, math.exp(float(np.clip(y[0], *bounds))), math.exp(float(y[1]))
-            found.append(((at, self.at(*at, smoothness)), smoothness))
-        return min(found, key=lambda one: one[0][1][1])
+            minimum = scipy.optimize.minimize(
+                lambda y, candidate=candidate: self.at(candidate(y)).cost, start, method="Nelder-Mead", options=options
+            )
+            one = candidate(minimum.x)
+            found.append((one, self.at(one)))
+        return min(found, key=lambda pair: pair[1].cost)
 
 
-def _inflation(best: _Point, points: list[_Point], costs: np.ndarray) -> np.ndarray:
+def _inflation(best: _Point, points: list[_Point]) -> np.ndarray:
     """Each parameter's standard error over the posterior of the disturbance, over the one at its best point.
 
     The total variance is the mean of the variances plus the variance of the means.
     """
+    costs = np.array([one.cost for one in points])
     probability = np.exp(-0.5 * (costs - costs.min()))
     probability /= probability.sum()
     at_best = np.diag(best.covariance)
