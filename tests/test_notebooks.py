@@ -26,8 +26,8 @@ def printed(notebook):
     )
 
 
-def test_there_are_eight():
-    assert [path.stem[:2] for path in NOTEBOOKS] == ["00", "01", "02", "03", "04", "05", "06", "07"]
+def test_there_are_nine():
+    assert [path.stem[:2] for path in NOTEBOOKS] == [f"0{k}" for k in range(9)]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -98,7 +98,7 @@ def test_the_smoothed_heat_is_the_conditional_mean(monkeypatch):
     fit = replace(fit, noise=fit.noise_shape.covariance_of(1.0, 0.0, 0.8, by_heat), disturbance=disturbance)
     course, std = filter_model(case, fit).smoothed_heat()
     assert course.shape == std.shape == (ROWS,)
-    assert np.all(std < 2.0 + 1e-9) and std.min() < 1.5
+    assert np.all(std < 2.0 * np.sqrt(2.0) + 1e-9) and std.min() < 1.5
     step = readings.step_of(HEAT_PROFILES[0], 2.0, 7200.0, "matern-1/2")
     # covariance of the heat at row i with the readings at row j, by the steps
     n = len(np.asarray(step.transition))
@@ -110,7 +110,8 @@ def test_the_smoothed_heat_is_the_conditional_mean(monkeypatch):
             joint[j, :, i, :] = cross.T
             cross = np.asarray(step.transition) @ cross
         P = np.asarray(step.transition) @ P @ np.asarray(step.transition).T + np.asarray(step.noise)
-    to_readings = np.einsum("isjt,ot->isoj", joint, np.asarray(step.C))[:, n - 1].reshape(ROWS, -1)
+    to_readings = np.einsum("isjt,ot->isoj", joint, np.asarray(step.C))[:, n - 1].reshape(ROWS, -1) / readings.unit_rate
+    to_readings = to_readings + 2.0**2 * readings.of_constant_heat(HEAT_PROFILES[0], ROWS).T.reshape(-1)
     one = filter_model(case, fit)
     J = np.asarray(predicted_jacobian(fit.problem, fit.minimum.vector))[:, :, fit.estimated_indices]
     J = J.transpose(1, 0, 2).reshape(-1, J.shape[2])
@@ -121,4 +122,4 @@ def test_the_smoothed_heat_is_the_conditional_mean(monkeypatch):
     kept = one.present.T.reshape(-1)
     cov = (fit.noise.covariance + (J * prior**2) @ J.T)[np.ix_(kept, kept)]
     residual = (one.readings.T.reshape(-1) + J @ z)[kept]
-    assert_allclose(course, to_readings[:, kept] @ np.linalg.solve(cov, residual) / readings.unit_rate, atol=1e-7)
+    assert_allclose(course, to_readings[:, kept] @ np.linalg.solve(cov, residual), atol=1e-7)

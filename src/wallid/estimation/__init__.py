@@ -8,16 +8,19 @@ from .many_walls import WallEstimates, estimate_walls
 from .many_windows import CampaignEstimate, campaign
 from .prediction import HeatLoads, Prediction, predict
 from .result_objects import Estimate
+from .unknown_heat import Follows, UnknownHeat, smoothed_disturbance
 
 __all__ = [
     "AverageMethod",
     "CampaignEstimate",
     "Estimate",
+    "Follows",
     "Forecast",
     "HeatLoads",
     "Prediction",
     "StepErrors",
     "ThermalProperties",
+    "UnknownHeat",
     "WallEstimates",
     "average_method",
     "campaign",
@@ -27,4 +30,5 @@ __all__ = [
     "predict",
     "resistance_over_time",
     "seconds_of_estimate",
+    "smoothed_disturbance",
 ]

@@ -7,6 +7,9 @@ states at the first row of bin j:
     Cov(y_j, y_j) = C_m P_j C_m' + V_m
     Cov(y_i, y_j) = C_m (Phi^m)^(i-j-1) (Phi^m P_j C_m' + W_m),      i > j
 
+The mean of the heat is unknown too: heat that is switched on and off has one. Its prior has the standard deviation of
+the process, so the covariance contains `g g'` with `g` the readings' response to a constant heat of one unit.
+
 `Q_m`, `V_m` and `W_m` are the covariances of the states after a bin, of the bin's mean, and between both, by what
 enters within the bin.
 """
@@ -134,7 +137,19 @@ class DisturbedReadings:
         """
         blocks = binned_covariance(self.step_of(profile, 1.0, time_constant, smoothness), bins, rows_per_bin)
         readings = blocks.shape[0] * bins
-        return blocks.reshape(readings, readings)
+        constant = self.of_constant_heat(profile, bins * rows_per_bin)
+        mean = constant.reshape(bins, rows_per_bin, -1).mean(axis=1).T.reshape(-1)
+        return blocks.reshape(readings, readings) + np.outer(mean, mean)
+
+    def of_constant_heat(self, profile: HeatProfile, rows: int) -> Float[np.ndarray, "time output"]:
+        """The change of the readings by a constant heat of one unit from the first row on."""
+        system, column = self.slow, 2 + HEAT_PROFILES.index(profile)
+        assert system.B0 is not None
+        rates = self.fourier * np.asarray(system.A)
+        heat = self.unit_rate * np.asarray(system.B0)[:, column]
+        times = self.step * np.arange(rows)
+        states = np.expm1(np.outer(times, rates)) / rates * heat
+        return self.scale * (states @ np.asarray(system.C).T + self.unit_rate * np.asarray(system.D)[:, column])
 
 
 def disturbed_readings(

@@ -7,7 +7,8 @@ The readings minus the fit's prediction are, in the states of the model,
 `x` are the wall's modes with the states of the disturbance (`models.disturbance`). `e` and `a` are the white and the
 autocorrelated part of the noise of the faces, which goes through the wall with straight lines between rows. `b` is the
 autocorrelated noise of the sensors, `v` their white noise. `beta` are the deviations of the estimated parameters from
-the fit, constant, with their priors; offsets, calibrations and the initial profile are among them. `c` are K or W/m2
+the fit, constant, with their priors; offsets, calibrations and the initial profile are among them. So is the mean of
+the disturbance. `c` are K or W/m2
 for one unit of the model's outputs.
 
 Between its rows a face is in error by a process with a known autocovariance (`records.face_variation`). In the filter
@@ -44,15 +45,15 @@ class FilterModel:
         model: of the states.
         readings: measured minus predicted by the fit, K or W/m2, 0 where missing, `(time, output)`.
         present: where there is a reading.
-        disturbance: the state that is the heat, and the size of one unit of it in the unit of the disturbance; None
-            without one.
+        disturbance: the states whose sum is the heat, each with its size in the unit of the disturbance; None without
+            one.
         unit: of the disturbance.
     """
 
     model: LinearGaussianModel
     readings: np.ndarray
     present: np.ndarray
-    disturbance: tuple[int, float] | None
+    disturbance: tuple[tuple[int, float], ...] | None
     unit: str
 
     def filtered(self, rows: int | None = None) -> Filtered:
@@ -75,10 +76,11 @@ class FilterModel:
         """
         if self.disturbance is None:
             raise ValueError("smoothed_heat: the fit has no disturbance")
-        state, unit = self.disturbance
+        row = np.zeros(len(self.model.transition))
+        for state, unit in self.disturbance:
+            row[state] = unit
         smoothed = self.smoothed()
-        std = np.linalg.norm(np.asarray(smoothed.root)[:, state], axis=1)
-        return np.asarray(smoothed.mean)[:, state] / unit, std / unit
+        return np.asarray(smoothed.mean) @ row, np.linalg.norm(row @ np.asarray(smoothed.root), axis=1)
 
 
 def filter_model(case: Case, fit: GLSFit) -> FilterModel:
@@ -109,7 +111,10 @@ def filter_model(case: Case, fit: GLSFit) -> FilterModel:
     for side, autocovariance in enumerate(shape.face_errors):
         if autocovariance[0] > 0:
             states.add_face_noise(math.sqrt(autocovariance[0]), _second_order(autocovariance), "between", (side,))
-    outputs = states.add_parameters(jacobian)
+    mean_heat = None
+    if disturbance is not None:
+        mean_heat = disturbance.std * readings.of_constant_heat(disturbance.profile, len(present))
+    outputs = states.add_parameters(jacobian, mean_heat)
     white = shape.sensor_std * math.sqrt(noise.white)
     model = LinearGaussianModel(
         transition=states.transition,
@@ -120,7 +125,10 @@ def filter_model(case: Case, fit: GLSFit) -> FilterModel:
         output_std=np.maximum(white, _SMALLEST_STD * shape.sensor_std),
     )
     residual = np.asarray(data.observed) - np.asarray(fit.minimum.predicted)
-    heat = None if disturbance is None else (readings.slow.order, readings.unit_rate)
+    heat = None
+    if disturbance is not None:  # the process, and the constant before the parameters
+        constant = len(states.transition) - len(fit.z) - 1
+        heat = ((readings.slow.order, 1.0 / readings.unit_rate), (constant, disturbance.std))
     return FilterModel(model, np.where(present, residual, 0.0), present, heat, readings.unit)
 
 
@@ -159,11 +167,9 @@ class _States:
     @property
     def initial_mean(self) -> np.ndarray:
         """Zero, except for the parameters, whose priors are not about the fit."""
-        mean = np.zeros(len(self.transition))
         z = self.fit.z.copy()
         z[0] = 0.0
-        mean[len(mean) - len(z) :] = -z
-        return mean
+        return np.concatenate([np.zeros(len(self.transition) - len(z)), -z])
 
     def _append(self, transition: np.ndarray, noise: np.ndarray, initial: np.ndarray, C: np.ndarray) -> None:
         """Independent states after the ones that are there."""
@@ -215,14 +221,25 @@ class _States:
         innovation = math.sqrt(1.0 - correlation**2)
         self._append(correlation * np.eye(count), innovation * np.diag(std), np.diag(std), np.eye(count))
 
-    def add_parameters(self, jacobian: np.ndarray) -> np.ndarray:
-        """The deviations of the parameters from the fit; returns the outputs of all states at each row."""
-        rows, outputs, count = jacobian.shape
-        prior = np.ones(count)
+    def add_parameters(self, jacobian: np.ndarray, mean_heat: np.ndarray | None) -> np.ndarray:
+        """What is constant: the mean of the heat, and the deviations of the parameters from the fit, which come last.
+
+        Args:
+            jacobian: of the readings, by the parameters in prior standard deviations, `(time, output, param)`.
+            mean_heat: the readings' response to one standard deviation of the mean; None without a disturbance.
+
+        Returns:
+            the outputs of all states at each row, `(time, output, state)`.
+        """
+        prior = np.ones(jacobian.shape[2])
         prior[0] = _UNKNOWN_STD
+        columns = jacobian
+        if mean_heat is not None:
+            columns, prior = np.concatenate([mean_heat[:, :, None], jacobian], axis=2), np.append(1.0, prior)
+        rows, outputs, count = columns.shape
         self._append(np.eye(count), np.zeros((count, 0)), np.diag(prior), np.zeros((outputs, count)))
         each = np.broadcast_to(self.C, (rows, *self.C.shape)).copy()
-        each[:, :, -count:] = jacobian
+        each[:, :, -count:] = columns
         return each
 
 

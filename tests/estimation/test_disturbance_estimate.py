@@ -1,0 +1,161 @@
+"""Estimates of walls with heat that no column explains, and its course; truths are sine series and SciPy's solver."""
+
+import itertools
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from benchmarks.accuracy.disturbance import BEFORE, CAPACITY, DIFFUSIVITY, FINE, LENGTH, STEP, Kind, heat_of
+from benchmarks.reference.analytic_slab import heated, weather
+from scipy.linalg import solve_banded
+from test_forecast import case_of
+
+import wallid
+from wallid.case.options import Choices
+from wallid.estimation import smoothed_disturbance
+from wallid.estimation.unknown_heat import column_followed
+from wallid.inference.contact_test import contact_scores
+from wallid.inference.generalised_least_squares import fit_generalised_least_squares
+from wallid.models.flux_plates import full_order_model_with_plates
+from wallid.models.window_inputs import window_data
+from wallid.report.result_json import result_entries
+from wallid.workflow import Run
+
+
+def with_option(case, option):
+    return replace(case, choices=replace(case.choices, disturbance=option, model="lom"))
+
+
+def test_heat_released_inside_balances_what_leaves():
+    """Of the simulator: what is released and does not leave through the faces is stored."""
+    rng, x = np.random.default_rng(0), np.linspace(0, 1, 401)
+    heat = np.convolve(rng.standard_normal(4000), np.ones(50) / 50, mode="same")
+    heat[0] = 0.0
+    rate, profile = 3e-6, np.exp(-x / 0.2)
+    places = (np.arange(400) + 0.5) / 400
+    inside, through = heated(heat, 60.0, profile, rate, places)
+    stored = inside.mean(axis=1)
+    released = np.sum(0.5 * (heat[1:] + heat[:-1])) * 60.0 * np.trapezoid(profile, x)
+    left = np.sum(0.5 * (through[1:] + through[:-1]) @ [-1.0, 1.0]) * 60.0 * rate
+    assert stored[-1] - stored[0] == pytest.approx(released - left, abs=2e-3 * np.abs(stored).max())
+
+
+@pytest.mark.parametrize(
+    ("kind", "places"),
+    [(Kind("sensors", "wall", 3.0), {"wall"}), (Kind("plates", "face", 48.0), {"right"})],
+    ids=["in the wall", "behind a face"],
+)
+def test_the_interval_holds_the_truth_with_a_disturbance(kind, places):
+    case = case_of(kind)
+    fit = wallid.estimate(with_option(case, "auto"))
+    assert fit.reliable and fit.disturbance.place in places and fit.disturbance.evidence > 10
+    low, high = fit.interval_95
+    assert low < DIFFUSIVITY < high
+    if fit.thermal is not None:
+        for name, truth in (("resistance", 0.4), ("areal_heat_capacity", LENGTH * CAPACITY)):
+            low, high = getattr(fit.thermal, name).interval_95
+            assert low < truth < high
+    plain = wallid.estimate(with_option(case, "none"))
+    assert plain.disturbance is None and not plain.reliable
+    entry = result_entries(Run(case, fit=fit))["disturbance"]
+    assert set(entry) >= {"place", "std", "unit", "time_constant", "evidence"}
+    json.dumps(entry, allow_nan=False)
+    assert "no column explains" in str(fit) and "disturbance" in fit.variance_shares
+
+
+def test_without_hidden_heat_nothing_is_found():
+    """With "on" the size is small and the interval hardly wider."""
+    case = case_of(Kind("sensors", "nothing", 3.0))
+    auto, on, none = (wallid.estimate(with_option(case, option)) for option in ("auto", "on", "none"))
+    assert auto.disturbance is None and auto.value == none.value and auto.std == none.std
+    assert on.disturbance is not None and on.disturbance.evidence < 10 and on.disturbance.std < 0.5
+    assert none.std < 2 * on.std < 4 * none.std
+
+
+def test_the_smoothed_heat_is_like_the_hidden_one():
+    """And it follows the column that is the hidden heat two hours earlier, among others that are not."""
+    kind = Kind("sensors", "wall", 3.0)
+    rng = np.random.default_rng([2801, 0, 0, 3, 5000])
+    stride, before = round(STEP["sensors"] / FINE), round(BEFORE * 86400.0 / FINE)
+    count = before + (kind.rows - 1) * stride + 1
+    weather(count, FINE, rng, hours=(8.0, 2.0))  # as the simulator draws first
+    hidden = heat_of(kind, count, rng)[0] * 86400.0
+    rows = np.arange(before, count, stride)
+    early = hidden[np.minimum(rows + round(7200.0 / FINE), count - 1)]
+    case = case_of(kind)
+    other = np.random.default_rng(1).standard_normal(kind.rows).cumsum()
+    record = replace(case.record, regressors={"irradiance": early, "wind": other})
+    found = smoothed_disturbance(replace(case, record=record))
+    assert np.corrcoef(found.course, hidden[rows])[0, 1] > 0.9
+    assert found.follows.column == "irradiance" and found.follows.significant
+    assert abs(found.follows.lag - 7200.0) <= 1800.0
+    assert "irradiance" in found.sentence and found.unit == "K/day"
+    assert found.to_frame().shape == (kind.rows, 2) and json.dumps(found.to_dict(), allow_nan=False)
+    inside = np.abs(found.course - hidden[rows]) < 2 * found.std
+    assert inside.mean() > 0.85
+
+
+def test_a_course_that_follows_nothing_is_not_said_to_follow():
+    """Over many pairs of independent courses few p-values are below 5 %."""
+    rng, small = np.random.default_rng(3), 0
+    for _ in range(40):
+        one, other = (np.convolve(rng.standard_normal(400), np.ones(20), mode="valid") for _ in range(2))
+        small += column_followed(one, {"wind": other}, 1800.0).significant
+    assert small <= 6
+    assert column_followed(one, {}, 1800.0) is None
+    assert column_followed(one, {"rain": np.zeros(len(one))}, 1800.0) is None
+
+
+def slab_with_contacts(contact, rows=288, step=900.0, seed=2):
+    """A wall of two plates, with a resistance between each face and its sensor, m2 K/W; Crank-Nicolson by SciPy."""
+    parts, cells, k, c = 15, 150, 0.75, 1.5e6
+    before = 10 * 96
+    faces = weather((before + rows) * parts, step / parts, np.random.default_rng(seed), hours=(8.0, 2.0))
+    width, h = LENGTH / cells, step / parts
+    ends = 1.0 / (width / (2 * k) + np.array(contact))  # W/m2/K
+    conductance = np.concatenate([[ends[0]], np.full(cells - 1, k / width), [ends[1]]])
+    diagonal = -(conductance[:-1] + conductance[1:]) / (c * width)
+    beside = conductance[1:-1] / (c * width)
+    bands = np.zeros((3, cells))
+    bands[0, 1:], bands[1], bands[2, :-1] = -0.5 * h * beside, 1 - 0.5 * h * diagonal, -0.5 * h * beside
+    T, through = np.interp((np.arange(cells) + 0.5) / cells, [0, 1], faces[0]), []
+    for now, then in itertools.pairwise(faces):
+        through.append([ends[0] * (now[0] - T[0]), ends[1] * (T[-1] - now[1])])
+        b = T + 0.5 * h * diagonal * T
+        b[1:] += 0.5 * h * beside * T[:-1]
+        b[:-1] += 0.5 * h * beside * T[1:]
+        b[[0, -1]] += 0.5 * h * ends * (now + then) / (c * width)
+        T = solve_banded((1, 1), bands, b)
+    rng, some = np.random.default_rng(seed + 1), slice(before * parts, None, parts)
+    time = step * np.arange(rows)
+    flux = np.array(through)[some][:rows] + 0.3 * rng.standard_normal((rows, 2))
+    record = wallid.Record(
+        time, time, None, faces[some][:rows] + 0.01 * rng.standard_normal((rows, 2)), np.empty((rows, 0)), (),
+        regressors={"flux_left": flux[:, 0], "flux_right": flux[:, 1]},
+        boundary_noise_std=0.01, flux_noise_std=0.3, flux_gain_std=0.02,
+    )  # fmt: skip
+    wall = wallid.Wall(length=LENGTH, diffusivity_prior=7e-7, outside="right")
+    return wallid.Case("contacts", Path("case.toml"), wall, (), record, Choices(initial_profile=1))
+
+
+def test_a_contact_resistance_is_found_where_there_is_one():
+    """0.02 m2 K/W at the left face: the resistance contains it, and the diffusivity is that of the wall."""
+    fit = wallid.estimate(slab_with_contacts((0.02, 0.004)))
+    found = fit.thermal
+    low, high = found.contact_resistances["left"].interval_95
+    assert low < 0.02 < high and high < 0.03
+    assert abs(found.resistance.value - 0.424) < 3 * found.resistance.std
+    assert abs(fit.value - DIFFUSIVITY) < 3 * fit.std and fit.std < 0.02 * fit.value
+    assert "between the face and its sensor" in str(fit)
+
+
+def test_no_contact_resistance_is_found_where_there_is_none():
+    case = slab_with_contacts((0.0, 0.0))
+    fit = wallid.estimate(case)
+    assert fit.thermal.contact_resistances == {} and abs(fit.value - DIFFUSIVITY) < 3 * fit.std
+    window = wallid.Window(0, case.record.rows)
+    model = full_order_model_with_plates(case)
+    gls = fit_generalised_least_squares(case, window, window_data(case, window), model, 5e-7, eta=1e-8)
+    assert all(abs(score) < 3.5 for score in contact_scores(case, gls).values())
