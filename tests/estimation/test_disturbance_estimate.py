@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.accuracy.disturbance import BEFORE, CAPACITY, DIFFUSIVITY, FINE, LENGTH, STEP, Kind, heat_of
+from benchmarks.accuracy.disturbance import CAPACITY, DIFFUSIVITY, FINE, LENGTH, Kind
 from benchmarks.reference.analytic_slab import heated, weather
+from heated_walls import case_of, hidden_heat
 from scipy.linalg import solve_banded
-from test_forecast import case_of
 
 import wallid
 from wallid.case.options import Choices
@@ -77,13 +77,9 @@ def test_without_hidden_heat_nothing_is_found():
 def test_the_smoothed_heat_is_like_the_hidden_one():
     """And it follows the column that is the hidden heat two hours earlier, among others that are not."""
     kind = Kind("sensors", "wall", 3.0)
-    rng = np.random.default_rng([2801, 0, 0, 3, 5000])
-    stride, before = round(STEP["sensors"] / FINE), round(BEFORE * 86400.0 / FINE)
-    count = before + (kind.rows - 1) * stride + 1
-    weather(count, FINE, rng, hours=(8.0, 2.0))  # as the simulator draws first
-    hidden = heat_of(kind, count, rng)[0] * 86400.0
-    rows = np.arange(before, count, stride)
-    early = hidden[np.minimum(rows + round(7200.0 / FINE), count - 1)]
+    hidden, stride = 86400.0 * hidden_heat(kind), round(1800.0 / FINE)
+    rows = np.arange(0, len(hidden), stride)
+    early = hidden[np.minimum(rows + round(7200.0 / FINE), len(hidden) - 1)]
     case = case_of(kind)
     other = np.random.default_rng(1).standard_normal(kind.rows).cumsum()
     record = replace(case.record, regressors={"irradiance": early, "wind": other})

@@ -3,29 +3,18 @@
 import io
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from benchmarks.accuracy.disturbance import (
-    FACE_STD,
-    FLUX_STD,
-    GAIN_STD,
-    LENGTH,
-    PLACES,
-    SENSOR_STD,
-    STEP,
-    Kind,
-    simulated,
-)
+from benchmarks.accuracy.disturbance import FACE_STD, LENGTH, PLACES, SENSOR_STD, Kind
+from heated_walls import DAY_ROWS, case_of
 from numpy.testing import assert_allclose
 from pages import check
 from typer.testing import CliRunner
 
 import wallid
 from wallid import plot
-from wallid.case.options import Choices
 from wallid.case.time_window import entire_record
 from wallid.cli.commands import app
 from wallid.estimation.forecasting import step_errors
@@ -34,33 +23,6 @@ from wallid.inference.generalised_least_squares import fit_generalised_least_squ
 from wallid.models.flux_plates import full_order_model_with_plates
 from wallid.models.window_inputs import window_data
 from wallid.report.page import page_environment
-
-SENSORS = Kind("sensors", "wall", 3.0)
-DAY_ROWS = round(86400.0 / STEP["sensors"])
-
-
-def case_of(kind=SENSORS, number=5000):
-    """A record of one kind; its number is outside those of the benchmark."""
-    faces, inside, through = simulated(kind, number)
-    time = STEP[kind.logged] * np.arange(kind.rows)
-    stamps = np.datetime64("2026-03-01T00:00:00") + (1e9 * time).astype("timedelta64[ns]")
-    with_plates = kind.logged == "plates"
-    names = () if with_plates else ("T1", "T2")
-    record = wallid.Record(
-        time,
-        stamps.astype("datetime64[ns]"),
-        None,
-        faces,
-        np.empty((kind.rows, 0)) if with_plates else inside,
-        names,
-        regressors={f"flux_{side}": through[:, k] for k, side in enumerate(("left", "right")) if with_plates},
-        boundary_noise_std=FACE_STD,
-        flux_noise_std=FLUX_STD,
-        flux_gain_std=GAIN_STD,
-    )
-    sensors = tuple(wallid.Sensor(n, LENGTH * x, noise_std=SENSOR_STD) for n, x in zip(names, PLACES, strict=False))
-    wall = wallid.Wall(length=LENGTH, diffusivity_prior=7e-7, outside="right")
-    return wallid.Case("slab", Path("case.toml"), wall, sensors, record, Choices(initial_profile=2 - with_plates))
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ..case.mixups import Mixup
+from ..estimation.unknown_heat import UnknownHeat
 from ..inference.physical_bounds import clip_to_physical
 from .acceptance import FIRST_EFFECT_LEVEL, RESIDUAL_TEST_LEVEL, reason_for_refusal
 from .cross_validation import Gap
@@ -45,6 +46,7 @@ class Findings:
         mixups: mistakes in the case, with whose correction all of the above was computed.
         uncorrected: the estimate with the plain model before the correction; None where there was none.
         prescriptions: what to measure next, for each question that the record leaves open.
+        unknown_heat: the course of the heat that would explain what no known effect does; None where nothing is left.
     """
 
     problem: DiagnosisProblem = field(repr=False)
@@ -62,6 +64,7 @@ class Findings:
     mixups: tuple[Mixup, ...] = ()
     uncorrected: EffectFit | None = field(default=None, repr=False)
     prescriptions: tuple[Prescription, ...] = field(default=(), repr=False)
+    unknown_heat: UnknownHeat | None = field(default=None, repr=False)
 
     @property
     def final(self) -> EffectFit:

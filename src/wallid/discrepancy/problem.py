@@ -129,17 +129,22 @@ class DiagnosisProblem:
         is_face = kind_of(error) == FacePositions.kind
         return float(DEPTH_SIGNS[SIDES.index(target_of(error))]) * value if is_face else value
 
-    def noise_shape(self, parameters: Parameters) -> NoiseShape:
+    def noise_shape(self, parameters: Parameters, bins: BinnedReadings | None = None) -> NoiseShape:
         """The structure of the noise covariance, with the response to the faces at some parameters.
 
         As in an estimate the response is that of the stated positions.
+
+        Args:
+            parameters: of the wall.
+            bins: of the readings; None for those of the diagnosis.
         """
+        bins = self.bins if bins is None else bins
         sensor_std = np.array([sensor.noise_std for sensor in self.case.sensors])
         positions = parameters.of_kind(SensorPositions.kind, FacePositions.kind)
         response = face_impulse_response(self.model, parameters.with_values(dict.fromkeys(positions, 0.0)))
         errors = self.case.record.face_errors
         face_std = self.record.boundary_noise_std
-        return noise_shape_of_record(self.record, response, self.bins, self.spacing, sensor_std, face_std, errors)
+        return noise_shape_of_record(self.record, response, bins, self.spacing, sensor_std, face_std, errors)
 
     def estimated_names(self, active: tuple[EffectParameters, ...]) -> tuple[str, ...]:
         """The names of the parameters that a fit with these effects estimates."""

@@ -46,6 +46,7 @@ def diagnosis_entries(findings: Findings) -> dict[str, Any]:
             }
             for named in effects
         ],
+        "unknown_heat": None if findings.unknown_heat is None else findings.unknown_heat.to_dict(),
         "next": [one.to_dict(lambda effect: problem.target_name(effect.effect)) for one in findings.prescriptions],
         "gap": {
             "before_K": gap.before,

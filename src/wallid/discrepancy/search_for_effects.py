@@ -21,6 +21,7 @@ from .problem import diagnosis_problem
 from .score_test import CandidateScores
 from .screening import screen, screening_of
 from .stepwise_selection import StepwiseSelection
+from .unexplained_heat import unexplained_heat
 
 
 def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
@@ -55,9 +56,13 @@ def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
         if mixup is None and found.verdict != "adequate" and (equal := _equal_mixup(found, report)) is not None:
             found = _search_corrected(plain, equal, report)
         text = "diagnose: what to measure next"
-        prescriptions = what_to_measure(found, lambda share: report(text, 0.96 + 0.04 * share))
+        prescriptions = what_to_measure(found, lambda share: report(text, 0.96 + 0.03 * share))
+        heat = None
+        if found.verdict == "unnamed":
+            report("diagnose: the course of what is left", 0.99)
+            heat = unexplained_heat(found.final)
     others = (one for one in visible_mixups(case) if one.kind in ("flux_sign", "clock"))
-    return replace(found, mixups=(*found.mixups, *others), prescriptions=prescriptions)
+    return replace(found, mixups=(*found.mixups, *others), prescriptions=prescriptions, unknown_heat=heat)
 
 
 class _PlainModel(NamedTuple):

@@ -121,6 +121,8 @@ def diagnosis_summary(findings: Findings) -> str:
         f"readings     {problem.record.rows} rows, {findings.after.noise}",
         f"residual     omnibus test {p_value_text(tests[0].p_value)} before, {p_value_text(tests[1].p_value)} after",
     ]
+    if findings.unknown_heat is not None:
+        lines.append(f"what is left {findings.unknown_heat.sentence}")
     for named in findings.effects:
         windows, effect = named.windows, named.effect_parameters.effect
         values = ", ".join(f"{p.name} {value_and_std(*named.values[p.name], p.unit)}" for p in effect.parameters)

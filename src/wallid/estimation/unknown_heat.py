@@ -78,6 +78,7 @@ class UnknownHeat(ResultObject):
         course, std: of the heat given all readings, and its standard deviation, in `unit`, `(time,)`.
         record_start: the origin of `days`.
         follows: the column that it follows most; None without a column.
+        flux: W/m2 for 1 K a day, where the heat capacity of the wall is stated and the unit is not W/m2 already.
     """
 
     disturbance: Disturbance
@@ -86,6 +87,7 @@ class UnknownHeat(ResultObject):
     std: np.ndarray = field(repr=False)
     record_start: RecordStart
     follows: Follows | None
+    flux: float | None = None
 
     @property
     def unit(self) -> str:
@@ -122,7 +124,8 @@ class UnknownHeat(ResultObject):
         where = "the wall" if self.disturbance.place == "wall" else f"the {self.disturbance.place} part of the wall"
         unit = "W/m2" if self.unit == "W/m2" else "K a day"
         largest = float(np.abs(self.course).max())
-        text = f"something warms and cools {where} by up to {largest:.2g} {unit}"
+        of_flux = "" if self.flux is None else f" ({largest * self.flux:.2g} W/m2)"
+        text = f"something warms and cools {where} by up to {largest:.2g} {unit}{of_flux}"
         if (hours := self.warm_hours) is not None:
             text += f", most from {hours[0]:.0f} to {hours[1]:.0f} h"
         if self.follows is not None and self.follows.significant:
@@ -173,16 +176,37 @@ def smoothed_disturbance(case: Case, window: Window | HasBestWindow | None = Non
     fit = fit_generalised_least_squares(case, window, data, model, case.wall.diffusivity_prior, eta=case.choices.eta)
     if fit.disturbance is None:
         raise InputError("smoothed_disturbance: the window has too few readings to find a disturbance in")
-    course, std = filter_model(case, fit).smoothed_heat()
-    part = case.record.window(window.row, window.rows)
+    return unknown_heat_of(case, window, fit.disturbance, *filter_model(case, fit).smoothed_heat())
+
+
+def unknown_heat_of(
+    case: Case,
+    window: Window,
+    disturbance: Disturbance,
+    course: Float[np.ndarray, " time"],
+    std: Float[np.ndarray, " time"],
+) -> UnknownHeat:
+    """The heat with the column that it follows.
+
+    Args:
+        case, window: of the readings.
+        disturbance: found in them.
+        course, std: of the heat and its standard deviation.
+    """
+    part, wall = case.record.window(window.row, window.rows), case.wall
     columns = {key: np.asarray(values) for key, values in part.regressors.items() if not key.startswith("flux_")}
+    capacity = wall.heat_capacity
+    if capacity is None and wall.effective_conductivity is not None:
+        capacity = wall.effective_conductivity / wall.diffusivity_prior
+    in_kelvin = disturbance.unit == "K/day"
     return UnknownHeat(
-        disturbance=fit.disturbance,
+        disturbance=disturbance,
         days=case.record.days[window.as_slice],
         course=course,
         std=std,
         record_start=case.record.start,
         follows=column_followed(course, columns, part.step, case.choices.seed),
+        flux=None if capacity is None or not in_kelvin else capacity * wall.length / DAY,
     )
 
 

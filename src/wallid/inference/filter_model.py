@@ -28,9 +28,11 @@ from .._internal.arrays import on_device
 from ..case.case_definition import Case
 from ..models.disturbance import GaussianStep, MaternProcess, gaussian_step
 from .disturbance_covariance import HEAT_PROFILES, DisturbedReadings, disturbed_readings
+from .disturbance_search import Disturbance
 from .gls_fit import GLSFit
 from .kalman_filter import Filtered, LinearGaussianModel, Smoothed, covariance_root, kalman_filter, kalman_smoother
 from .likelihood import LOG_CONDUCTIVITY, predicted_jacobian
+from .noise_covariance import NoiseShape
 from .nuisance_parameters import ContactResistances, WallParameters, contact_lengths
 
 _UNKNOWN_STD = 3.0  # of ln(alpha), which has no prior
@@ -83,6 +85,33 @@ class FilterModel:
         return np.asarray(smoothed.mean) @ row, np.linalg.norm(row @ np.asarray(smoothed.root), axis=1)
 
 
+@dataclass(frozen=True, eq=False)
+class FittedReadings:
+    """What the filter's model is made of: the readings of a fit, its noise, its disturbance and its parameters.
+
+    Args:
+        shape: standard deviations of the readings' noise and the errors of the faces.
+        white, autocorrelated, correlation: of the noise, as in `NoiseCovariance`.
+        disturbance: found in the readings; or None.
+        residual: measured minus predicted, K or W/m2, `(time, output)`.
+        present: where there is a reading.
+        jacobian: of the predictions, by the parameters over `unit`, `(time, output, param)`.
+        prior_std: of the parameters over `unit`.
+        deviation: the parameters' estimates minus the means of their priors, over `unit`.
+    """
+
+    shape: NoiseShape
+    white: float
+    autocorrelated: float
+    correlation: float
+    disturbance: Disturbance | None
+    residual: np.ndarray
+    present: np.ndarray
+    jacobian: np.ndarray
+    prior_std: np.ndarray
+    deviation: np.ndarray
+
+
 def filter_model(case: Case, fit: GLSFit) -> FilterModel:
     """The filter's model of the window of a fit.
 
@@ -90,46 +119,68 @@ def filter_model(case: Case, fit: GLSFit) -> FilterModel:
         case: of the fit.
         fit: its noise, the errors of the faces, its disturbance and the priors of its parameters are the model's.
     """
-    readings = readings_at(case, fit)
-    jacobian = np.asarray(predicted_jacobian(fit.problem, fit.minimum.vector))[:, :, fit.estimated_indices]
-    shape, noise, disturbance = fit.noise_shape, fit.robust or fit.noise, fit.disturbance
-    data = fit.problem.data
-    present = np.asarray(data.weight) > 0
+    data, noise = fit.problem.data, fit.robust or fit.noise
+    prior_std, deviation = np.ones(len(fit.z)), fit.z.copy()
+    prior_std[0], deviation[0] = _UNKNOWN_STD, 0.0
+    fitted = FittedReadings(
+        shape=fit.noise_shape,
+        white=noise.white,
+        autocorrelated=noise.autocorrelated,
+        correlation=noise.correlation,
+        disturbance=fit.disturbance,
+        residual=np.asarray(data.observed) - np.asarray(fit.minimum.predicted),
+        present=np.asarray(data.weight) > 0,
+        jacobian=np.asarray(predicted_jacobian(fit.problem, fit.minimum.vector))[:, :, fit.estimated_indices],
+        prior_std=prior_std,
+        deviation=deviation,
+    )
+    return filter_model_of(fitted, readings_at(case, fit))
+
+
+def filter_model_of(fitted: FittedReadings, readings: DisturbedReadings) -> FilterModel:
+    """The filter's model of fitted readings.
+
+    Args:
+        fitted: the readings with what was fitted.
+        readings: how heat changes them.
+    """
+    shape, disturbance, present = fitted.shape, fitted.disturbance, fitted.present
     size = 0.0 if disturbance is None else disturbance.std * readings.unit_rate
     time_constant = readings.reference_time if disturbance is None else disturbance.time_constant
     smoothness = "matern-1/2" if disturbance is None else disturbance.smoothness
     process = MaternProcess(size, time_constant / readings.reference_time, smoothness)
     column = 2 + (0 if disturbance is None else HEAT_PROFILES.index(disturbance.profile))
     wall = gaussian_step(readings.slow, readings.fourier, readings.step, process, column, cubic=False)
-    states = _States(fit, wall, readings)
+    states = _States(wall, readings)
     states.add_wall()
-    states.add_face_noise(shape.face_std * math.sqrt(noise.white), [], "white")
-    if noise.autocorrelated > 0:
-        total = math.sqrt(noise.autocorrelated)
-        states.add_face_noise(shape.face_std * total, [noise.correlation], "autocorrelated")
-        states.add_sensor_noise(shape.sensor_std * total, noise.correlation)
+    states.add_face_noise(shape.face_std * math.sqrt(fitted.white), [])
+    if fitted.autocorrelated > 0:
+        total = math.sqrt(fitted.autocorrelated)
+        states.add_face_noise(shape.face_std * total, [fitted.correlation])
+        states.add_sensor_noise(shape.sensor_std * total, fitted.correlation)
     for side, autocovariance in enumerate(shape.face_errors):
         if autocovariance[0] > 0:
-            states.add_face_noise(math.sqrt(autocovariance[0]), _second_order(autocovariance), "between", (side,))
-    mean_heat = None
-    if disturbance is not None:
+            states.add_face_noise(math.sqrt(autocovariance[0]), _second_order(autocovariance), (side,))
+    columns, prior_std, mean = fitted.jacobian, fitted.prior_std, -fitted.deviation
+    if disturbance is not None:  # the mean of the heat, before the parameters
         mean_heat = disturbance.std * readings.of_constant_heat(disturbance.profile, len(present))
-    outputs = states.add_parameters(jacobian, mean_heat)
-    white = shape.sensor_std * math.sqrt(noise.white)
+        columns = np.concatenate([mean_heat[:, :, None], columns], axis=2)
+        prior_std, mean = np.append(1.0, prior_std), np.append(0.0, mean)
+    outputs = states.add_constants(columns, prior_std)
+    constant = len(states.transition) - len(prior_std)
+    white = shape.sensor_std * math.sqrt(fitted.white)
     model = LinearGaussianModel(
         transition=states.transition,
         noise_root=states.noise_root,
-        initial_mean=states.initial_mean,
+        initial_mean=np.concatenate([np.zeros(constant), mean]),
         initial_root=states.initial_root,
         outputs=outputs,
         output_std=np.maximum(white, _SMALLEST_STD * shape.sensor_std),
     )
-    residual = np.asarray(data.observed) - np.asarray(fit.minimum.predicted)
     heat = None
-    if disturbance is not None:  # the process, and the constant before the parameters
-        constant = len(states.transition) - len(fit.z) - 1
+    if disturbance is not None:
         heat = ((readings.slow.order, 1.0 / readings.unit_rate), (constant, disturbance.std))
-    return FilterModel(model, np.where(present, residual, 0.0), present, heat, readings.unit)
+    return FilterModel(model, np.where(present, fitted.residual, 0.0), present, heat, readings.unit)
 
 
 def readings_at(case: Case, fit: GLSFit) -> DisturbedReadings:
@@ -157,19 +208,12 @@ def _second_order(autocovariance: np.ndarray) -> list[float]:
 class _States:
     """The states of the filter's model, added part by part."""
 
-    def __init__(self, fit: GLSFit, wall: GaussianStep, readings: DisturbedReadings):
-        self.fit, self.wall, self.readings = fit, wall, readings
+    def __init__(self, wall: GaussianStep, readings: DisturbedReadings):
+        self.wall, self.readings = wall, readings
         self.W0, self.W1 = np.asarray(wall.W0), np.asarray(wall.W1)
         self.outputs_count = len(np.asarray(wall.C))
         self.transition = self.noise_root = self.initial_root = np.zeros((0, 0))
         self.C = np.zeros((self.outputs_count, 0))
-
-    @property
-    def initial_mean(self) -> np.ndarray:
-        """Zero, except for the parameters, whose priors are not about the fit."""
-        z = self.fit.z.copy()
-        z[0] = 0.0
-        return np.concatenate([np.zeros(len(self.transition) - len(z)), -z])
 
     def _append(self, transition: np.ndarray, noise: np.ndarray, initial: np.ndarray, C: np.ndarray) -> None:
         """Independent states after the ones that are there."""
@@ -185,12 +229,12 @@ class _States:
         self._append(np.asarray(wall.transition), noise, initial, self.readings.scale[:, None] * np.asarray(wall.C))
         self.wall_states = len(self.transition)
 
-    def add_face_noise(self, std: float, coefficients: list[float], kind: str, sides: tuple[int, ...] = (0, 1)) -> None:
+    def add_face_noise(self, std: float, coefficients: list[float], sides: tuple[int, ...] = (0, 1)) -> None:
         """Noise of the faces as an autoregression, which enters the wall on straight lines between rows.
 
         Args:
             std: K. coefficients: of the autoregression; none for white noise.
-            kind: for messages. sides: 0 for the left face, 1 for the right one.
+            sides: 0 for the left face, 1 for the right one.
         """
         if std == 0.0:
             return
@@ -221,23 +265,18 @@ class _States:
         innovation = math.sqrt(1.0 - correlation**2)
         self._append(correlation * np.eye(count), innovation * np.diag(std), np.diag(std), np.eye(count))
 
-    def add_parameters(self, jacobian: np.ndarray, mean_heat: np.ndarray | None) -> np.ndarray:
-        """What is constant: the mean of the heat, and the deviations of the parameters from the fit, which come last.
+    def add_constants(self, columns: np.ndarray, prior_std: np.ndarray) -> np.ndarray:
+        """States that are constant, such as the deviations of the parameters.
 
         Args:
-            jacobian: of the readings, by the parameters in prior standard deviations, `(time, output, param)`.
-            mean_heat: the readings' response to one standard deviation of the mean; None without a disturbance.
+            columns: of the readings, by each of them, `(time, output, constant)`.
+            prior_std: of each.
 
         Returns:
             the outputs of all states at each row, `(time, output, state)`.
         """
-        prior = np.ones(jacobian.shape[2])
-        prior[0] = _UNKNOWN_STD
-        columns = jacobian
-        if mean_heat is not None:
-            columns, prior = np.concatenate([mean_heat[:, :, None], jacobian], axis=2), np.append(1.0, prior)
         rows, outputs, count = columns.shape
-        self._append(np.eye(count), np.zeros((count, 0)), np.diag(prior), np.zeros((outputs, count)))
+        self._append(np.eye(count), np.zeros((count, 0)), np.diag(prior_std), np.zeros((outputs, count)))
         each = np.broadcast_to(self.C, (rows, *self.C.shape)).copy()
         each[:, :, -count:] = columns
         return each

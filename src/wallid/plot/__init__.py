@@ -54,6 +54,7 @@ from .residuals import (
     shared_colour_bar,
     smooth_residual,
 )
+from .unknown_heat import heat_course, heat_of_day
 from .wall_section import wall
 from .windows import forest, resistance_forest
 
@@ -85,7 +86,9 @@ __all__ = [
     "flux_sensitivity",
     "forecast_band",
     "forest",
+    "heat_course",
     "heat_load",
+    "heat_of_day",
     "hourly_residual",
     "initial_profile",
     "inner_face_flux",

@@ -182,6 +182,11 @@ def _missing_caption(run: Run) -> str:
     )
 
 
+def _heat_text(run: Run) -> str:
+    heat = None if run.diagnosis is None else run.diagnosis.unknown_heat
+    return "" if heat is None else heat.sentence
+
+
 def _next_text(run: Run) -> str:
     return "" if run.diagnosis is None else " ".join(one.sentence for one in run.diagnosis.prescriptions)
 
@@ -278,6 +283,11 @@ _CAPTIONS: dict[str, tuple[str | Text, Text]] = {
         "Similarity of the effects in this record: cosine between the changes of the residual that they cause. A pair "
         "near 1 cannot be distinguished. Names in bold: effects of the model.",
         _fixed("Matrix of the absolute cosine, 0 to 1, between the residual changes of each two effects."),
+    ),
+    "heat": (
+        "The heat that would explain what no known effect does, given all readings, with its 95 % band; beside it its "
+        "mean day. A Kalman smoother separates it from noise and from all parameters of the model.",
+        _heat_text,
     ),
     "next": (
         "Probability that the next diagnosis names the right effect and has no alternative to it (for a record that "

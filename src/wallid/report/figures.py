@@ -17,6 +17,7 @@ from ..discrepancy.diagnosis_result import Diagnosis
 from ..discrepancy.effect_fit import EffectFit
 from ..discrepancy.residual_tests import ResidualTests
 from ..estimation.diffusivity import sensitivity_in_kelvin
+from ..estimation.unknown_heat import UnknownHeat
 from ..models.flux_plates import plate_outputs
 from ..models.window_inputs import full_order_model
 from ..plot.legends import legend_below, shared_legend
@@ -45,6 +46,7 @@ STEMS = (
     "confusable",
     "windows",
     "next",
+    "heat",
     "periodogram",
 )
 """Names of all figure files, without extension."""
@@ -272,6 +274,8 @@ def diagnosis_figures(diagnosis: Diagnosis) -> Iterator[tuple[str, Figure]]:
         yield "missing", _missing_figure(diagnosis)
         if any(one.curve or one.actions for one in diagnosis.prescriptions):
             yield "next", _next_figure(diagnosis)
+        if diagnosis.unknown_heat is not None:
+            yield "heat", _heat_figure(diagnosis.unknown_heat)
         yield "residuals", _residuals_figure(diagnosis)
         if diagnosis.incomplete:
             figure, ax = plot.figure(height=3.0)
@@ -337,6 +341,16 @@ def _next_figure(diagnosis: Diagnosis) -> Figure:
             row[-1].set_axis_off()
             row[-1].set_title("No action is probable enough")
     shared_legend(figure, next(ax for ax in np.ravel(axes) if ax.axison))
+    return figure
+
+
+def _heat_figure(heat: UnknownHeat) -> Figure:
+    """The course of the unknown heat, and its mean day where there is one."""
+    has_day = len(heat.mean_day[0]) > 0
+    figure, axes = plot.figure(1, 1 + has_day, width=10.0 if has_day else 7.0, height=3.0)
+    plot.heat_course(heat, ax=np.ravel(axes)[0])
+    if has_day:
+        plot.heat_of_day(heat, ax=np.ravel(axes)[1])
     return figure
 
 

@@ -106,6 +106,7 @@ def render_page(run: Run, result: dict[str, Any], figures: Sequence[DrawnFigure]
             prescriptions=[]
             if run.diagnosis is None
             else [format_text(one.sentence) for one in run.diagnosis.prescriptions],
+            unknown_heat=_unknown_heat(run),
             first_figure=_first_figure(run),
             answer=answer(run, result),
             figures=_page_figures(run, figures),
@@ -200,6 +201,15 @@ def _with_code(text: str) -> Markup:
 def answer(run: Run, result: dict[str, Any]) -> str:
     """The result of a run in one or two sentences."""
     return format_text(_answer(run, result))
+
+
+def _unknown_heat(run: Run) -> str:
+    """What the course of the unknown heat says; empty without a diagnosis that leaves something."""
+    heat = None if run.diagnosis is None else run.diagnosis.unknown_heat
+    if heat is None:
+        return ""
+    text = format_text(heat.sentence)
+    return f"If what no known effect explains is heat, {text}. Look for what does that, or log it."
 
 
 def _answer(run: Run, result: dict[str, Any]) -> str:

@@ -1,0 +1,56 @@
+"""The shape of what no effect explains: the smoothed heat of a diagnosis against the hidden one of the simulator."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.accuracy.disturbance import CAPACITY, FINE, LENGTH, STEP, Kind
+from heated_walls import case_of, hidden_heat
+
+from wallid import plot
+from wallid.discrepancy.candidate_fits import CandidateFits
+from wallid.discrepancy.problem import diagnosis_problem
+from wallid.discrepancy.unexplained_heat import unexplained_heat
+
+KIND, NUMBER = Kind("sensors", "wall", 3.0), 5000
+
+
+def hidden():
+    """The heat of the record at its rows, K a day."""
+    return 86400.0 * hidden_heat(KIND, NUMBER)[:: round(STEP["sensors"] / FINE)]
+
+
+@pytest.fixture(scope="module")
+def left():
+    case = case_of(KIND, NUMBER)
+    missing = case.record.sensors.copy()
+    missing[100:110, 0] = np.nan
+    record = replace(case.record, sensors=missing, regressors={"wind": hidden() + 20.0})
+    case = replace(case, wall=replace(case.wall, heat_capacity=CAPACITY), record=record)
+    return unexplained_heat(CandidateFits(diagnosis_problem(case)).fit_plain_model())
+
+
+def test_it_is_like_the_hidden_heat(left):
+    assert np.corrcoef(left.course, hidden())[0, 1] > 0.9
+    assert left.disturbance.place == "wall" and left.disturbance.evidence > 50
+    inside = np.abs(left.course - hidden()) < 2 * left.std
+    assert inside.mean() > 0.85
+
+
+def test_it_says_how_large_in_flux_and_what_it_follows(left):
+    assert left.flux == pytest.approx(CAPACITY * LENGTH / 86400.0)
+    assert left.follows.column == "wind" and left.follows.lag <= 1800.0 and left.follows.p_value < 0.01
+    assert "W/m2" in left.sentence and "wind" in left.sentence
+    assert json.dumps(left.to_dict(), allow_nan=False)
+
+
+def test_its_figures(left):
+    ax = plot.heat_course(left)
+    assert len(ax.lines[0].get_ydata()) == KIND.rows and "K a day" in ax.get_ylabel()
+    hours, mean = left.mean_day
+    day = plot.heat_of_day(left)
+    assert day.lines[0].get_ydata()[:-1] == pytest.approx(mean) and len(hours) == 48
+    short = replace(left, days=left.days[:40], course=left.course[:40], std=left.std[:40])
+    with pytest.raises(ValueError, match="at least two days"):
+        plot.heat_of_day(short)
