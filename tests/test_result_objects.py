@@ -52,6 +52,7 @@ def results(run, with_flux):
         "quantity": Quantity(1.0, np.nan, (np.nan, np.nan), "m"),
         "heat": run.prediction.loads,
         "walls": wallid.WallEstimates(*(jnp.array([1.0, np.inf]),) * 3, jnp.array([3, 4]), jnp.array([True, False])),
+        "forecast": wallid.forecast(case, str(case.record.stamp(72)), 12.0),
         "campaign": wallid.campaign(replace(run.case, choices=replace(run.case.choices, window_days=7.0))),
     }  # fmt: skip
     return {name: one for name, one in named.items() if one is not None}

@@ -250,7 +250,7 @@ def test_a_campaign_takes_fluxes_window_by_window(both):
 
 def test_no_number_of_windows_takes_a_plates_calibration_out():
     """Without noise, a plate that reads 2 % more: the resistance is that much less, from two windows as from one."""
-    case = case_of(("left",), windows=2, noise=0.0, gain=(0.02, 0.0))
+    case = case_of(("left",), windows=2, noise=0.0, gain=(0.02, 0.0), noise_model="robust")
     case = replace(case, choices=replace(case.choices, disturbance="none"))
     found = wallid.campaign(replace(case, record=replace(case.record, flux_gain_std=0.05)))
     told, one = found.thermal.resistance, found.fits[0]
