@@ -24,7 +24,7 @@ from .._internal.xla_options import prepare_xla
 from ..case.case_definition import Case
 from ..case.case_file import load, load_campaign
 from ..case.time_window import Window, check_unbroken, window_rows
-from ..estimation.forecasting import Forecast
+from ..estimation.forecast_result import Forecast
 from ..experiment_design.campaign_plan.plan_result import CampaignPlan
 from .output import print_message, print_output
 from .progress import ProgressDisplay, progress_display

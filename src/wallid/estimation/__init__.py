@@ -1,7 +1,8 @@
 """The thermal properties of one window, of many windows, of many walls."""
 
 from .diffusivity import estimate, seconds_of_estimate
-from .forecasting import Forecast, StepErrors, forecast
+from .forecast_result import Forecast, StepErrors
+from .forecasting import forecast
 from .heat_flux import ThermalProperties
 from .iso_9869 import AverageMethod, average_method, resistance_over_time
 from .many_walls import WallEstimates, estimate_walls

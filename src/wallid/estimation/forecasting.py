@@ -13,22 +13,16 @@ would have had on the earlier days, through the wall.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float
 
 from .._internal.errors import InputError
-from .._internal.html import html_table
-from .._internal.number_formats import value_and_std
 from .._internal.progress import Progress, shown_progress
-from .._internal.result_object import ResultObject, plain_value
-from .._internal.units import DAY
 from .._internal.validation import one_of
 from ..case.case_definition import Case
 from ..case.time_window import Window, check_unbroken
-from ..inference.disturbance_search import Disturbance
 from ..inference.filter_model import FilterModel, filter_model
 from ..inference.generalised_least_squares import fit_generalised_least_squares
 from ..inference.gls_fit import GLSFit
@@ -36,160 +30,15 @@ from ..inference.kalman_filter import forecast_states
 from ..inference.quantity import NORMAL_95
 from ..models.flux_plates import fluxes_of, full_order_model_with_plates
 from ..models.window_inputs import window_data
-from ..records.row_times import RecordStart
 from ..records.uniform_record import Record
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
+from .forecast_result import Forecast, StepErrors
+from .persistence import error_of_persistence, with_persistent_faces
 
 TRAINING_DAYS = 7.0
 """Days before the forecast from which the wall is estimated."""
 HORIZONS = (1.0, 6.0, 24.0)
 """Hours ahead, at which predictions of the readings already taken are tested."""
 _FEWEST_ROWS = 24  # to estimate from
-
-
-@dataclass(frozen=True)
-class StepErrors(ResultObject):
-    """How well readings are predicted some hours ahead, from all the readings up to then.
-
-    Args:
-        hours: ahead.
-        rms: root mean square of reading minus prediction, of each output, K or W/m2; NaN without one.
-        coverage: share of the readings in their 95 % band, of each output.
-        count: of the predictions.
-    """
-
-    hours: float
-    rms: tuple[float, ...]
-    coverage: tuple[float, ...]
-    count: int
-
-
-@dataclass(frozen=True, eq=False)
-class Forecast(ResultObject):
-    """The readings after a time, with their standard deviations.
-
-    Args:
-        case: with the record, which may have been lengthened.
-        window: rows of the estimate, then those of the forecast.
-        first: the first row of the forecast, within the window.
-        names: of the outputs: the sensors, then `flux_left` and `flux_right`.
-        mean, std: of the readings, degC, K and W/m2, `(time, output)`; the noise of a reading is part of `std`.
-        measured: readings of the whole window, NaN where there is none, `(time, output)`.
-        faces: "record" or "persistence".
-        disturbance: found in the readings before; None where there is none.
-        step_errors: how well the readings before were predicted, for some hours ahead.
-    """
-
-    case: Case = field(repr=False)
-    window: Window
-    first: int
-    names: tuple[str, ...]
-    mean: np.ndarray = field(repr=False)
-    std: np.ndarray = field(repr=False)
-    measured: np.ndarray = field(repr=False)
-    faces: str
-    disturbance: Disturbance | None
-    step_errors: tuple[StepErrors, ...]
-
-    @property
-    def hours(self) -> float:
-        """Length of the forecast, h."""
-        return len(self.mean) * self.case.record.step / 3600.0
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """degC or W/m2, of each output."""
-        return tuple("W/m2" if name.startswith("flux_") else "degC" for name in self.names)
-
-    @property
-    def start(self) -> str | float:
-        """Time of the first row of the forecast."""
-        return self.case.record.stamp(self.window.row + self.first)
-
-    @property
-    def record_start(self) -> RecordStart:
-        """When the record begins."""
-        return self.case.record.start
-
-    @property
-    def inside(self) -> tuple[float, ...]:
-        """The share of each output's readings after the start that lie in their 95 % band; NaN without readings."""
-        measured = self.measured[self.first :]
-        within = np.abs(measured - self.mean) <= NORMAL_95 * self.std
-        counts = np.isfinite(measured).sum(axis=0)
-        return tuple(float(w.sum() / c) if c else math.nan for w, c in zip(within.T, counts, strict=True))
-
-    def last(self, output: int) -> str:
-        """The last value of an output with its standard deviation, as text."""
-        return value_and_std(float(self.mean[-1, output]), float(self.std[-1, output]), self.units[output])
-
-    def to_dict(self) -> dict[str, Any]:
-        """The entries of result.json; the rows are in `forecast.csv`."""
-        entries = {
-            "start": self.start,
-            "hours": self.hours,
-            "faces": self.faces,
-            "training_days": self.first * self.case.record.step / DAY,
-            "outputs": {
-                name: {
-                    "unit": unit,
-                    "last": {"value": float(self.mean[-1, k]), "std": float(self.std[-1, k])},
-                    "inside_95": self.inside[k],
-                }
-                for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True))
-            },
-            "step_errors": [
-                {"hours": one.hours, "rms": list(one.rms), "coverage_95": list(one.coverage), "count": one.count}
-                for one in self.step_errors
-            ],
-        }
-        return plain_value(entries)
-
-    def to_frame(self) -> DataFrame:
-        """One row for each time: each output's mean, and its standard deviation as `NAME_std`."""
-        import pandas as pd
-
-        columns: dict[str, np.ndarray] = {}
-        for k, name in enumerate(self.names):
-            columns |= {name: self.mean[:, k], f"{name}_std": self.std[:, k]}
-        rows = self.window.row + self.first + np.arange(len(self.mean))
-        seconds = np.asarray(self.case.record.time)[rows]
-        return pd.DataFrame(columns, index=self.record_start.index_after(seconds).rename("time"))
-
-    def to_csv(self) -> str:
-        """`forecast.csv`: `time` as in the record, then each output's mean and `NAME_std`."""
-        stamps = [self.case.record.stamp(self.window.row + self.first + k) for k in range(len(self.mean))]
-        frame = self.to_frame()
-        frame.index = frame.index.__class__(stamps, name="time") if isinstance(stamps[0], float) else stamps
-        return frame.rename_axis("time").to_csv(float_format="%.6g", lineterminator="\n")
-
-    def summary(self) -> str:
-        """The forecast of each output at its end, and how well earlier readings were predicted, as text."""
-        how = "the record" if self.faces == "record" else "the day before"
-        lines = [
-            f"forecast     {self.hours:.3g} h from {self.start}, the faces as in {how}, "
-            f"from {self.first * self.case.record.step / DAY:.3g} days of readings"
-        ]
-        for k, name in enumerate(self.names):
-            known = f"; {self.inside[k]:.0%} of its readings lie in the 95 % band" if self.inside[k] >= 0 else ""
-            lines.append(f"  {name:<11} {self.last(k)} at the end{known}")
-        if self.disturbance is not None:
-            lines.append(f"disturbance  {self.disturbance}")
-        for one in self.step_errors:
-            each = ", ".join(
-                f"{name} {rms:.2g} {'W/m2' if unit == 'W/m2' else 'K'} ({share:.0%})"
-                for name, unit, rms, share in zip(self.names, self.units, one.rms, one.coverage, strict=True)
-            )
-            lines.append(f"{one.hours:g} h ahead".ljust(13) + f"{each}; in parentheses the share in the 95 % band")
-        return "\n".join(lines)
-
-    __str__ = summary
-
-    def _repr_html_(self) -> str:
-        rows = [(name, self.last(k), "", "") for k, name in enumerate(self.names)]
-        return html_table(f"Forecast for {self.hours:.3g} h from {self.start}: at its end", rows)
 
 
 def forecast(
@@ -225,7 +74,7 @@ def forecast(
     first = _row_of(record, start)
     begin = _first_row(record, first, days)
     rows = max(1, round(hours * 3600.0 / record.step))
-    case, persistent = _with_faces(case, begin, first, rows, faces)
+    case, persistent = with_persistent_faces(case, begin, first, rows, faces)
     window = Window(begin, first - begin + rows)
     check_unbroken(case, window)
     with shown_progress(progress) as report:
@@ -238,7 +87,7 @@ def forecast(
         states = filter_model(case, fit)
         mean, std = _after(states, fit, trained)
         if persistent < rows:
-            std = np.hypot(std, _error_of_persistence(case, fit, begin, first, rows, persistent))
+            std = np.hypot(std, error_of_persistence(case, fit, begin, first, rows, persistent))
         report("forecast: errors of earlier predictions", 0.9)
         errors = step_errors(states, trained, record.step)
     plates = fluxes_of(case)
@@ -292,44 +141,6 @@ def _first_row(record: Record, first: int, days: float) -> int:
     return begin
 
 
-def _with_faces(case: Case, begin: int, first: int, rows: int, faces: str) -> tuple[Case, int]:
-    """The case with faces for all rows, and the number of rows whose faces are the record's own."""
-    record = case.record
-    known = 0 if faces == "persistence" else max(0, min(rows, record.rows - first))
-    if known == rows:
-        return case, rows
-    day = record.rows_in_days(1.0)
-    if first + known - begin < day:
-        raise InputError(
-            f"the faces after {record.stamp(min(first + known, record.rows))} are taken from the day before, and the "
-            "record has less than a day before it"
-        )
-    total = max(record.rows, first + rows)
-    more = total - record.rows
-
-    def longer(values: np.ndarray) -> np.ndarray:
-        return np.concatenate([values, np.full((more, *values.shape[1:]), np.nan)])
-
-    both = longer(np.asarray(record.faces, float))
-    last = first + known - 1
-    moved = both[last] - both[last - day]  # so that the course goes on from the last reading
-    for row in range(last + 1, first + rows):
-        both[row] = both[row - day * math.ceil((row - last) / day)] + moved
-    fill = None if record.fill_std is None else np.nan_to_num(longer(np.asarray(record.fill_std)))
-    stamps = np.asarray(record.stamps)
-    step = np.timedelta64(round(record.step * 1e9), "ns") if isinstance(stamps[0], np.datetime64) else record.step
-    later = replace(
-        record,
-        time=record.time[0] + record.step * np.arange(total),
-        stamps=np.concatenate([stamps, stamps[-1] + step * np.arange(1, more + 1)]).astype(stamps.dtype),
-        faces=both,
-        sensors=longer(np.asarray(record.sensors)),
-        regressors={key: longer(np.asarray(values)) for key, values in record.regressors.items()},
-        fill_std=fill,
-    )
-    return replace(case, record=later), known
-
-
 def _measured(case: Case, window: Window) -> np.ndarray:
     """The readings of sensors and plates, NaN where there is none."""
     plates = [case.record.regressors[f"flux_{face}"] for face in fluxes_of(case)]
@@ -344,27 +155,6 @@ def _after(states: FilterModel, fit: GLSFit, trained: int) -> tuple[np.ndarray, 
     mean = np.asarray(fit.minimum.predicted)[trained:] + np.einsum("tos,ts->to", outputs, np.asarray(after.mean))
     roots = np.einsum("tos,tsr->tor", outputs, np.asarray(after.root))
     return mean, np.sqrt(np.sum(roots**2, axis=2) + np.asarray(states.model.output_std) ** 2)
-
-
-def _error_of_persistence(
-    case: Case, fit: GLSFit, begin: int, first: int, rows: int, known: int
-) -> Float[np.ndarray, "time output"]:
-    """Root mean square of the responses to the errors that persistence would have had on earlier days."""
-    day, faces = case.record.rows_in_days(1.0), np.asarray(case.record.faces)[begin : first + known]
-    differences = faces[day:] - faces[:-day]
-    length = rows - known
-    response = fit.noise_shape.response[:, :length]  # (face, row, output)
-    total, count = np.zeros((length, response.shape[2])), 0
-    for start in range(1, max(2, len(differences) - length + 1), max(1, day // 4)):
-        course = differences[start : start + length] - differences[start - 1]
-        course = np.pad(course, ((0, length - len(course)), (0, 0)), mode="edge")
-        total, count = total + sum(_convolved(course[:, side], response[side]) for side in (0, 1)) ** 2, count + 1
-    return np.concatenate([np.zeros((known, total.shape[1])), np.sqrt(total / count)])
-
-
-def _convolved(course: np.ndarray, response: np.ndarray) -> np.ndarray:
-    """The response to a course, `(time, output)`."""
-    return np.stack([np.convolve(course, one)[: len(course)] for one in response.T], axis=1)
 
 
 def step_errors(

@@ -184,8 +184,10 @@ class _IteratedGLS:
 
     @property
     def disturbance_option(self) -> str:
-        """ "none", "auto" (the default with a flux) or "on"."""
-        return self.case.choices.disturbance or ("auto" if LOG_CONDUCTIVITY in self.parameters else "none")
+        """ "none", "auto" (the default with a flux, unless the noise is chosen) or "on"."""
+        choices = self.case.choices
+        by_default = LOG_CONDUCTIVITY in self.parameters and choices.noise is None
+        return choices.disturbance or ("auto" if by_default else "none")
 
     @property
     def noise_can_be_estimated(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from ..estimation.forecasting import Forecast
+from ..estimation.forecast_result import Forecast
 from ..inference.quantity import NORMAL_95
 from .house_style import BLUE, GREY, ORANGE, axes_or_new, sensor_colour
 from .legends import legend_below, use_constrained_layout

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from .. import plot
 from .._internal.number_formats import format_text
 from .._internal.visible_text import visible_text
-from ..estimation.forecasting import Forecast
+from ..estimation.forecast_result import Forecast
 from .page import page_environment
 from .svg import DrawnFigure, data_uris
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from .._internal.errors import InputError
 from .._internal.interrupts import give_up_if_interrupted, signals_held, written
-from ..estimation.forecasting import Forecast
+from ..estimation.forecast_result import Forecast
 from ..experiment_design.campaign_plan.plan_result import CampaignPlan
 from ..workflow import Run
 from .result_json import SCHEMA, result_entries
