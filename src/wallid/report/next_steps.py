@@ -52,9 +52,10 @@ def next_steps(run: Run) -> list[str]:
             "diffusivity for it"
         )
     elif run.fit is not None and run.fit.disturbance is not None:
+        known = "; `wallid diagnose` says whether a known effect explains it" if run.case.sensors else ""
         steps.append(
-            f"look for the {run.fit.disturbance.heat}, and log what may cause it (irradiance, the air's temperature, a "
-            "heater); `wallid diagnose` says whether a known effect explains it"
+            f"look for the {run.fit.disturbance.heat}, and log what may cause it: irradiance, the air's temperature, a "
+            f"heater{known}"
         )
     elif run.fit is not None and run.case.sensors and not run.unreliable_reason:
         steps.append("use the value; `wallid diagnose` tests each effect of the library more closely")
