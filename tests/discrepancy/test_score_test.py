@@ -275,8 +275,8 @@ def test_where_the_remainder_sits(ranked):
     placed = replace(fit)
     placed.__dict__["residual_at_rows"] = rest
     found = run_residual_tests(placed)
-    assert list(found.by_sensor) == ["T1", "T2"]
-    assert found.by_sensor["T2"] == pytest.approx(0.2 / np.sqrt(8))
+    assert list(found.by_instrument) == ["T1", "T2"]
+    assert found.by_instrument["T2"] == pytest.approx(0.2 / np.sqrt(8))
     assert_allclose(found.by_hour[:, 0], 0.1 * (np.arange(24) == 7), atol=1e-15)
     assert_allclose(found.by_hour[:, 1], 0.2 / 8)
     assert_allclose(found.by_day[:, 1], 0.2 * (np.arange(8) == 3))

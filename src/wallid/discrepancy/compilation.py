@@ -21,6 +21,7 @@ def compile_together(problem: DiagnosisProblem) -> None:
     shape = (
         problem.record.rows,
         problem.model.substeps,
+        problem.model.forcing.plates,
         problem.parameters.names,
     )
     with _compiling:

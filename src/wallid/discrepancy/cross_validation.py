@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from .._internal.units import DAY
-from .effect_fit import EffectFit, refit, whitening_block, whitening_of_subset
+from .effect_fit import EffectFit, refit, rms_over, whitening_block, whitening_of_subset
 from .problem import DiagnosisProblem, EffectParameters
 
 _BLOCKS = 9  # of whole days, of which a third is held out
@@ -22,7 +22,7 @@ _PRIOR_RATIO = 2.0  # prior std of the other parameters in a window over their s
 
 @dataclass(frozen=True)
 class Gap:
-    """Root mean squares of measured minus predicted, K.
+    """Root mean squares of measured minus predicted: over the inner sensors, or over the plates without a sensor.
 
     Args:
         before: of the plain model, all rows used.
@@ -31,6 +31,7 @@ class Gap:
         held_out_before: of the plain model on the rows held out, with parameters fitted without them; None where the
             record is too short to hold out a day.
         held_out_after: the same of the model with effects.
+        unit: K of sensors, W/m2 of plates.
     """
 
     before: float
@@ -38,6 +39,7 @@ class Gap:
     noise_floor: float
     held_out_before: float | None
     held_out_after: float | None
+    unit: str = "K"
 
     @property
     def remaining_share(self) -> float | None:
@@ -57,12 +59,12 @@ def cross_validate(before: EffectFit, after: EffectFit) -> Gap:
         before: fit of the plain model.
         after: fit of the model with effects.
     """
-    rows = held_out(after.problem, after.events)
+    rows, floor, unit = held_out(after.problem, after.events), after.noise_floor, after.problem.unit_of_gap
     if rows is None:
-        return Gap(before.gap, after.gap, after.noise.residual_rms, None, None)
+        return Gap(before.gap, after.gap, floor, None, None, unit)
     held_out_before = _held_out_gap(before, rows)
     held_out_after = held_out_before if after is before else _held_out_gap(after, rows)
-    return Gap(before.gap, after.gap, after.noise.residual_rms, held_out_before, held_out_after)
+    return Gap(before.gap, after.gap, floor, held_out_before, held_out_after, unit)
 
 
 def held_out(problem: DiagnosisProblem, events: Iterable[tuple[float, float]] = ()) -> np.ndarray | None:
@@ -86,8 +88,8 @@ def held_out(problem: DiagnosisProblem, events: Iterable[tuple[float, float]] = 
 
 
 def _held_out_gap(fit: EffectFit, rows: np.ndarray) -> float:
-    """Root mean square on the rows held out, with parameters fitted without them, K."""
-    return float(np.sqrt(np.nanmean(_training_fit(fit, rows).residual_at_rows[rows] ** 2)))
+    """Root mean square on the rows held out, with parameters fitted without them, as `rms_over`."""
+    return rms_over(fit.problem, _training_fit(fit, rows).residual_at_rows[rows])
 
 
 def _training_fit(fit: EffectFit, rows: np.ndarray) -> EffectFit:
@@ -118,7 +120,7 @@ def _bins_with(problem: DiagnosisProblem, rows: np.ndarray) -> np.ndarray:
     """Mask of the binned readings that contain any of these rows."""
     size = problem.bins.rows_per_bin
     padded = np.pad(rows, (0, -len(rows) % size)).reshape(-1, size).any(axis=1)
-    return np.tile(padded, problem.sensor_count)
+    return np.tile(padded, problem.instrument_count)
 
 
 @dataclass(frozen=True)
@@ -151,14 +153,14 @@ def effect_by_window(fit: EffectFit, effect_parameters: EffectParameters) -> Eff
     problem, noise = fit.problem, fit.noise
     size_name = effect_parameters.names[0]
     k = fit.index(size_name)
-    bins = len(noise.whitening) // problem.sensor_count
+    bins = len(noise.whitening) // problem.instrument_count
     J, r = fit.unwhitened()
     prior = 1.0 / (_PRIOR_RATIO * np.sqrt(np.diag(fit.covariance)))
     prior[k] = 0.0
     edges = np.linspace(0, bins, _WINDOWS + 1).astype(int)
     sizes, stds = [], []
     for first, last in pairwise(edges):
-        used = np.tile((np.arange(bins) >= first) & (np.arange(bins) < last), problem.sensor_count)
+        used = np.tile((np.arange(bins) >= first) & (np.arange(bins) < last), problem.instrument_count)
         chosen = np.flatnonzero(used)
         W = whitening_block(noise, chosen)
         system = np.concatenate([W @ J[chosen], np.diag(prior)])

@@ -39,7 +39,7 @@ class EffectFit:
         jacobian: whitened, of the estimated parameters, with the rows of the priors below,
             `(reading + estimated, estimated)`.
         residual: whitened, measured minus predicted, with the prior residuals below, `(reading + estimated,)`.
-        predicted: the inner readings, degC, `(time, sensor)`.
+        predicted: the readings, degC (W/m2 of a plate), `(time, instrument)`.
         training_fits: fits of the same model to a part of the rows, by the rows held out.
     """
 
@@ -105,8 +105,8 @@ class EffectFit:
 
     @cached_property
     def residual_at_rows(self) -> np.ndarray:
-        """Measured minus predicted readings, K, `(time, sensor)`; NaN where a reading is missing."""
-        return self.problem.record.sensors - self.predicted
+        """Measured minus predicted readings, K (W/m2 of a plate), `(time, instrument)`; NaN where one is missing."""
+        return self.problem.readings - self.predicted
 
     @property
     def prior_residual(self) -> np.ndarray:
@@ -126,8 +126,25 @@ class EffectFit:
 
     @property
     def gap(self) -> float:
-        """Root mean square of the residual, K."""
-        return float(np.sqrt(np.nanmean(self.residual_at_rows**2)))
+        """Root mean square of the residual, `rms_over`."""
+        return rms_over(self.problem, self.residual_at_rows)
+
+    @property
+    def noise_floor(self) -> float:
+        """Root mean square that the noise alone would give, over the same instruments."""
+        chosen = self.problem.instruments_of_gap
+        readings = np.isfinite(self.problem.readings).sum(axis=0)[chosen]
+        return float(np.sqrt(np.nansum(readings * self.noise.rms_of_outputs[chosen] ** 2) / readings.sum()))
+
+
+def rms_over(problem: DiagnosisProblem, residual: np.ndarray) -> float:
+    """Root mean square over the inner sensors, K; over the plates, W/m2, where there is no inner sensor.
+
+    Args:
+        problem: the case prepared for the search.
+        residual: `(time, instrument)`; NaN where a reading is missing.
+    """
+    return float(np.sqrt(np.nanmean(residual[:, problem.instruments_of_gap] ** 2)))
 
 
 def refit(
@@ -212,7 +229,7 @@ class _LeastSquares:
         names, linear = parameters.estimated_names, problem.is_linear(self.active)
         predicted, slope = linearise(problem.model, problem.bins, parameters, names, linear=linear)
         weight = 1.0 / self.estimated(parameters.prior_std)  # 0 where there is no prior
-        whitened = self.whiten @ problem.binned(problem.record.sensors - predicted)
+        whitened = self.whiten @ problem.binned(problem.readings - predicted)
         return _Linearisation(
             np.concatenate([whitened, -weight * x]),
             np.concatenate([self.whiten @ slope.T, np.diag(weight)]),

@@ -116,8 +116,8 @@ class Findings:
         if self._predicts_held_out_badly:
             after, floor = self.gap.held_out_after, self.gap.noise_floor
             return (
-                f"{self._named_labels}the error on the days held out is still {after:.3g} K, "
-                f"where noise alone gives {floor:.3g} K"
+                f"{self._named_labels}the error on the days held out is still {after:.3g} {self.gap.unit}, "
+                f"where noise alone gives {floor:.3g} {self.gap.unit}"
             )
         return ""
 

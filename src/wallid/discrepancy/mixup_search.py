@@ -1,8 +1,8 @@
 """The search for a mix-up of columns, units, places or clocks that explains a record better than the plain model.
 
 Each hypothesis corrects the readings. The corrected readings are compared with the plain model first at a few
-diffusivities, to first order in all other parameters: corrected inner readings change the residual only, and a
-corrected face changes the predictions by a convolution with the wall's response to that face. The best hypotheses are
+diffusivities, to first order in all other parameters: corrected readings change the residual only, and a corrected
+face changes the predictions by a convolution with the wall's response to that face. The best hypotheses are
 then fitted in full.
 """
 
@@ -43,18 +43,15 @@ class Correction:
 
     Args:
         mixup: what was mixed up.
-        faces: corrected, degC, `(time, 2)`.
-        sensors: corrected, degC, `(time, sensor)`; NaN where the correction leaves no reading.
+        record: the rows used, corrected; NaN where the correction leaves no reading of a sensor or plate.
     """
 
     mixup: Mixup
-    faces: np.ndarray
-    sensors: np.ndarray
+    record: Record
 
-    def applied_to(self, case: Case, record: Record) -> Case:
+    def applied_to(self, case: Case) -> Case:
         """The case with the corrected readings of the rows used."""
-        corrected = replace(record, faces=self.faces, sensors=self.sensors)
-        return replace(case, record=corrected, choices=replace(case.choices, diagnose_days=None))
+        return replace(case, record=self.record, choices=replace(case.choices, diagnose_days=None))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +61,7 @@ class MixupFit:
     Args:
         mixup: what was mixed up.
         case: the corrected case.
-        deviance: `-2 log L` less the number of readings, to compare fits to different numbers of readings.
+        deviance: see the function.
     """
 
     mixup: Mixup
@@ -72,9 +69,18 @@ class MixupFit:
     deviance: float
 
 
-def deviance(fit: EffectFit) -> float:
-    """`-2 log L` of a fit less its number of readings."""
-    return fit.cost - fit.problem.bins.nonempty
+def deviance(fit: EffectFit, reference: NoiseCovariance) -> float:
+    """`-2 log L` of a fit, to compare fits to different numbers of readings::
+
+        r' R^-1 r - n + ln |R| - ln |R_0|
+
+    with the covariance `R_0` of the same n readings by a reference. The errors of the faces enter R, above all that of
+    fluxes, as much as the wall of the fit lets them.
+    """
+    present = np.asarray(fit.problem.bins.counts()).T.reshape(-1) > 0
+    _, own = np.linalg.slogdet(fit.noise.covariance[np.ix_(present, present)])
+    _, other = np.linalg.slogdet(reference.covariance[np.ix_(present, present)])
+    return float(fit.cost - present.sum() + own - other)
 
 
 def best_mixup(plain: EffectFit, noise: NoiseCovariance, highest: float = math.inf) -> MixupFit | None:
@@ -86,10 +92,11 @@ def best_mixup(plain: EffectFit, noise: NoiseCovariance, highest: float = math.i
         highest: deviance that a mix-up has to be below.
     """
     reference = _refit_with_noise(plain.problem, noise, float(plain.parameters[LOG_DIFFUSIVITY]))
-    highest = min(highest, deviance(reference) - _CLEAR_GAIN)
+    highest = min(highest, deviance(reference, noise) - _CLEAR_GAIN)
     ranked = _RankedCorrections(plain.problem, reference).best(_FITTED)
-    gains = [deviance(reference) - one.deviance for one in ranked]
-    needed = _WORTH_FITTING * max([deviance(reference) - highest, *gains])
+    of_reference = deviance(reference, reference.noise)
+    gains = [of_reference - one.deviance for one in ranked]
+    needed = _WORTH_FITTING * max([deviance(reference, noise) - highest, *gains])
     fits = [
         _fit(plain.problem, one.correction, noise, one.start)
         for one, gain in zip(ranked, gains, strict=True)
@@ -108,10 +115,10 @@ def copied_sensor(plain: EffectFit) -> MixupFit | None:
         for name in mixup.targets:
             if mixup.kind != "copy" or name not in record.names:
                 continue
-            faces, sensors = _with_column(record, name, np.full(record.rows, np.nan))
-            if np.isfinite(sensors).any():
+            corrected = _with_column(record, name, np.full(record.rows, np.nan))
+            if np.isfinite(corrected.sensors).any():
                 start = float(plain.parameters[LOG_DIFFUSIVITY])
-                fits.append(_fit(problem, Correction(mixup, faces, sensors), plain.noise, start))
+                fits.append(_fit(problem, Correction(mixup, corrected), plain.noise, start))
     return min(fits, key=lambda fit: fit.deviance, default=None)
 
 
@@ -126,13 +133,14 @@ def wrong_length_unit(plain: EffectFit) -> MixupFit | None:
     if not implausible(plain.diffusivity, prior) and case.wall.length < _THICK:
         return None
     fits: dict[str, tuple[EffectFit, Case]] = {}
+    highest = deviance(plain, plain.noise) + _CLEAR_GAIN
     for unit, metres in LENGTH_UNITS.items():
         scaled = _scaled(case, metres)
         fit = _refit_with_noise(diagnosis_problem(scaled), plain.noise)
-        if not implausible(fit.diffusivity, prior) and deviance(fit) < deviance(plain) + _CLEAR_GAIN:
+        if not implausible(fit.diffusivity, prior) and deviance(fit, plain.noise) < highest:
             fits[unit] = fit, scaled
-    lowest = min((deviance(fit) for fit, _ in fits.values()), default=0.0)
-    close = {unit: fit for unit, (fit, _) in fits.items() if deviance(fit) < lowest + RIVAL}
+    lowest = min((deviance(fit, plain.noise) for fit, _ in fits.values()), default=0.0)
+    close = {unit: fit for unit, (fit, _) in fits.items() if deviance(fit, plain.noise) < lowest + RIVAL}
     if not close:
         return None
     unit, *others = sorted(close, key=lambda name: abs(math.log(close[name].diffusivity / prior)))
@@ -141,7 +149,7 @@ def wrong_length_unit(plain: EffectFit) -> MixupFit | None:
         f"the lengths are in {unit}, not in m: with them in m the diffusivity is {close[unit].diffusivity:.3g} m2/s"
         f"{f' ({values}, which the readings cannot exclude)' if others else ''}"
     )
-    return MixupFit(Mixup("length_unit", (), words), fits[unit][1], deviance(close[unit]))
+    return MixupFit(Mixup("length_unit", (), words), fits[unit][1], deviance(close[unit], plain.noise))
 
 
 def _scaled(case: Case, metres: float) -> Case:
@@ -180,9 +188,9 @@ class _Ranked:
 
 def _fit(problem: DiagnosisProblem, correction: Correction, noise: NoiseCovariance, start: float) -> MixupFit:
     """The plain model fitted to corrected readings; `start` as in `_refit_with_noise`."""
-    case = correction.applied_to(problem.case, problem.record)
+    case = correction.applied_to(problem.case)
     fit = _refit_with_noise(diagnosis_problem(case), noise, start)
-    return MixupFit(correction.mixup, case, deviance(fit))
+    return MixupFit(correction.mixup, case, deviance(fit, noise))
 
 
 class _RankedCorrections:
@@ -205,13 +213,13 @@ class _RankedCorrections:
     def ranked(self, correction: Correction) -> _Ranked:
         """`-2 log L` of corrected readings less their number, at the best of the diffusivities."""
         record, problem = self.problem.record, self.problem
-        change = correction.faces - record.faces
+        change, readings = correction.record.faces - record.faces, problem.readings_of(correction.record)
         residuals = []
         for _, predicted, response, _ in self.points:
             if change.any():
                 caused = scipy.signal.fftconvolve(change.T[:, :, None], response, axes=1)[:, : record.rows].sum(axis=0)
                 predicted = predicted + caused
-            residuals.append(problem.binned(np.nan_to_num(correction.sensors - predicted)))
+            residuals.append(problem.binned(np.nan_to_num(readings - predicted)))
         whitened = self.noise.whitening @ np.stack(residuals, axis=1)
         deviances = []
         for residual, (_, _, _, basis) in zip(whitened.T, self.points, strict=True):
@@ -219,8 +227,8 @@ class _RankedCorrections:
             left = residual - basis @ (basis.T @ residual)
             deviances.append(float(left @ left))
         best = int(np.argmin(deviances))
-        readings = float(np.isfinite(correction.sensors).sum()) / problem.bins.rows_per_bin
-        return _Ranked(correction, deviances[best] - readings, self.points[best][0])
+        count = float(np.isfinite(readings).sum()) / problem.bins.rows_per_bin
+        return _Ranked(correction, deviances[best] - count, self.points[best][0])
 
     def best(self, count: int) -> list[_Ranked]:
         """The corrections with the lowest deviances, the best of each mix-up's kind and targets."""
@@ -236,8 +244,8 @@ class _RankedCorrections:
         record, case = self.problem.record, self.problem.case
         yield from _rearranged(case, record)
         yield from _other_units(record)
-        columns = (*FACE_COLUMNS, *record.names)
-        for target in (*columns, ""):
+        columns = (*FACE_COLUMNS, *self.problem.instruments)
+        for target in (*columns, "") if record.names else columns:
             for hours in _HOURS:
                 yield _other_clock(record, target, hours, 0)
         breaks = np.linspace(0, record.rows, _BREAKS + 2)[1:-1].astype(int)
@@ -253,10 +261,11 @@ class _RankedCorrections:
             return ranked
         record, target, hours, row = self.problem.record, correction.target, correction.hours, correction.row
         width = record.rows // (_BREAKS + 1)
+        first, last = width // 2, record.rows - width // 2  # a break at an end would correct hardly anything
         while width > 1:
             rows = [row + k * width // 2 for k in (-2, -1, 0, 1, 2)]
             others = {
-                near: self.ranked(_other_clock(record, target, hours, near)) for near in rows if 0 < near < record.rows
+                near: self.ranked(_other_clock(record, target, hours, near)) for near in rows if first <= near <= last
             }
             row = min(others, key=lambda near: others[near].deviance)
             ranked = others[row]
@@ -275,21 +284,27 @@ class _ClockCorrection(Correction):
 
 def _rearranged(case: Case, record: Record) -> Iterator[Correction]:
     """Faces or sensors in another order."""
-    faces, sensors, names = record.faces, record.sensors, record.names
+    sensors, names, plates = record.sensors, record.names, _plates(record)
     mirrored = "all positions are counted from the right face: count them from the left one"
     exchanged = "the two faces are exchanged: exchange [record] left and right"
     kind, first, second = _faces_or_positions(case, record, exchanged, mirrored)
-    words = f"{first} (or, which gives the same readings, {second})"
-    yield Correction(Mixup(kind, ("left", "right"), words), faces[:, ::-1], sensors)
+    words = f"{first} (or, which gives the same readings, {second})" if names and not plates else exchanged
+    kind = kind if names and not plates else "faces"
+    yield Correction(Mixup(kind, ("left", "right"), words), replace(record, faces=record.faces[:, ::-1]))
+    if len(plates) == 2:
+        words = "the two plates are exchanged: exchange [record] flux_left and flux_right"
+        left, right = (record.regressors[name] for name in plates)
+        exchanged_plates = _with_column(_with_column(record, plates[0], right), plates[1], left)
+        yield Correction(Mixup("exchanged", tuple(plates), words), exchanged_plates)
     if len(names) > 2:
         words = "the sensors are stated in the reverse order: reverse their columns, or their positions"
-        yield Correction(Mixup("order", names, words), faces, sensors[:, ::-1])
+        yield Correction(Mixup("order", names, words), replace(record, sensors=sensors[:, ::-1]))
     for one, other in combinations(range(len(names)), 2):
         swapped = sensors.copy()
         swapped[:, [one, other]] = swapped[:, [other, one]]
         pair = (names[one], names[other])
         words = f"{pair[0]} and {pair[1]} are exchanged: exchange their columns, or their positions"
-        yield Correction(Mixup("exchanged", pair, words), faces, swapped)
+        yield Correction(Mixup("exchanged", pair, words), replace(record, sensors=swapped))
 
 
 def _faces_or_positions(case: Case, record: Record, exchanged: str, mirrored: str) -> tuple[MixupKind, str, str]:
@@ -305,52 +320,63 @@ def _other_units(record: Record) -> Iterator[Correction]:
     """One column in degrees Fahrenheit or in kelvin."""
     for unit, scale, offset in (("degF", 1.8, 32.0), ("K", 1.0, 273.15)):
         for name in (*FACE_COLUMNS, *record.names):
-            faces, sensors = _with_column(record, name, (_column(record, name) - offset) / scale)
-            yield Correction(Mixup("unit", (name,), f"{name} is in {unit}: convert the column to degC"), faces, sensors)
+            corrected = _with_column(record, name, (_column(record, name) - offset) / scale)
+            yield Correction(Mixup("unit", (name,), f"{name} is in {unit}: convert the column to degC"), corrected)
 
 
 def _column(record: Record, name: str) -> np.ndarray:
-    """The readings of a face or of an inner sensor, degC, `(time,)`."""
+    """The readings of a face or of an inner sensor, degC, or of a plate, W/m2, `(time,)`."""
     if name in FACE_COLUMNS:
         return record.faces[:, FACE_COLUMNS.index(name)]
+    if name in record.regressors:
+        return record.regressors[name]
     return record.sensors[:, record.names.index(name)]
 
 
-def _with_column(record: Record, name: str, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All faces and sensors, with other values in one column."""
+def _with_column(record: Record, name: str, values: np.ndarray) -> Record:
+    """The record with other values in one column."""
+    if name in record.regressors:
+        return replace(record, regressors={**record.regressors, name: values})
     faces, sensors = record.faces.copy(), record.sensors.copy()
     if name in FACE_COLUMNS:
         faces[:, FACE_COLUMNS.index(name)] = values
     else:
         sensors[:, record.names.index(name)] = values
-    return faces, sensors
+    return replace(record, faces=faces, sensors=sensors)
 
 
 def _other_clock(record: Record, target: str, hours: int, row: int) -> _ClockCorrection:
     """A column whose clock is some hours late from a row on; with no target every inner sensor's.
 
-    Where the record ends before the corrected time, a face keeps its nearest value and the inner sensors have no
+    Where the record ends before the corrected time, a face keeps its nearest value and the other instruments have no
     readings.
     """
     rows, shift = np.arange(record.rows), hours * _HOUR / record.step
     source = np.where(rows >= row, rows + shift, rows)
     inside = (source <= record.rows - 1) & (source >= np.where(rows >= row, row, 0))
-    faces, sensors = record.faces, record.sensors
+    corrected = record
     for name in (target,) if target else record.names:
         values = _column(record, name)
         present = np.isfinite(values)
         if not present.any():
             continue
         shifted = np.interp(source, rows[present], values[present])
-        if name in record.names:
+        if name not in FACE_COLUMNS:
             shifted[~inside | (np.interp(source, rows, present.astype(float)) < 1.0)] = np.nan
-        faces, sensors = _with_column(replace(record, faces=faces, sensors=sensors), name, shifted)
+        corrected = _with_column(corrected, name, shifted)
     if target in FACE_COLUMNS:
-        sensors = np.where(inside[:, None], sensors, np.nan)
+        sensors = np.where(inside[:, None], record.sensors, np.nan)
+        plates = {name: np.where(inside, record.regressors[name], np.nan) for name in _plates(record)}
+        corrected = replace(corrected, sensors=sensors, regressors={**record.regressors, **plates})
     late = f"{abs(hours)} h {'late' if hours > 0 else 'early'}"
     since = "" if row == 0 else f" from {record.stamp(row)} on"
     whose = f"the clock of {target} is" if target else "the clock of every inner sensor is"
     words = f"{whose} {late}{since}: correct its times"
     return _ClockCorrection(
-        Mixup("clock", (target,) if target else record.names, words), faces, sensors, target, hours, row
+        Mixup("clock", (target,) if target else record.names, words), corrected, target, hours, row
     )
+
+
+def _plates(record: Record) -> list[str]:
+    """The columns of the record's heat flux plates."""
+    return [name for name in record.regressors if name.startswith("flux_")]

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._internal.arrays import on_device
-from ..inference.likelihood import LOG_DIFFUSIVITY, PROFILE_MODE
+from ..inference.likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, PLATE_GAIN, PROFILE_MODE
 from ..inference.noise_covariance import BinnedReadings
 from ..inference.nuisance_parameters import CommonNoise, FacePositions, SensorOffsets, SensorPositions
 from ..inference.parameters import Parameters
@@ -42,6 +42,7 @@ class ModelWithEffects(eqx.Module):
         forcing: face temperatures, regressors and cells of the wall.
         effects: the effects of the library.
         log_prior: ln of the prior diffusivity, alpha in m2/s.
+        reference_conductivity: of the parameter `log_conductivity`, W/m/K; of no effect without a plate.
         sensors: names of the inner sensors.
         substeps: steps between two rows of the implicit solver and of the first-order response.
     """
@@ -49,16 +50,19 @@ class ModelWithEffects(eqx.Module):
     forcing: ForcingData
     effects: tuple[AbstractEffect, ...]
     log_prior: Float[Array, ""]
+    reference_conductivity: Float[Array, ""]
     sensors: tuple[str, ...] = eqx.field(static=True)
     substeps: int = eqx.field(static=True)
 
-    def predict(self, parameters: Parameters, *, linear: bool) -> Float[Array, "time sensor"]:
-        """The readings of the inner sensors, degC; `linear` leaves out the nonlinear effects."""
+    def predict(self, parameters: Parameters, *, linear: bool) -> Float[Array, "time reading"]:
+        """The readings of the sensors, degC, and plates, W/m2; `linear` leaves out the nonlinear effects."""
         terms, profile = self.terms(parameters, linear=linear), self.profile(parameters)
         diffusivity = self.diffusivity(parameters)
         readings = simulate_readings(terms, self.forcing, diffusivity, profile, linear=linear, substeps=self.substeps)
+        if not self.sensors:
+            return readings
         common = self.forcing.common_noise @ parameters.vector(parameters.of_kind(CommonNoise.kind))
-        return readings + common[:, None]
+        return readings.at[:, : len(self.sensors)].add(common[:, None])
 
     def base_solution(self, parameters: Parameters) -> BaseSolution:
         """The solution of the linear part of the wall, about which the effects are linearised."""
@@ -67,8 +71,8 @@ class ModelWithEffects(eqx.Module):
 
     def first_order_response(
         self, base: BaseSolution, parameters: Parameters, direction: Float[Array, " param"]
-    ) -> Float[Array, "time sensor"]:
-        """The derivative of the readings by the size of an effect at its neutral value, K per unit.
+    ) -> Float[Array, "time reading"]:
+        """The derivative of the readings by the size of an effect at its neutral value, K (W/m2 of a plate) per unit.
 
         Args:
             base: the linear part of the wall.
@@ -95,6 +99,12 @@ class ModelWithEffects(eqx.Module):
             parameters.vector(parameters.of_kind(kind.kind)) for kind in (SensorPositions, SensorOffsets, FacePositions)
         )
         terms = Terms.plain(self.forcing).add(position=position, offset=offset, depth=DEPTH_SIGNS * face_position)
+        if self.forcing.plates:
+            gain = parameters.vector(parameters.of_kind(PLATE_GAIN))
+            terms = terms.add(
+                conductivity=self.reference_conductivity * jnp.exp(parameters[LOG_CONDUCTIVITY]) - 1.0,
+                plate_gain=jnp.zeros(2).at[jnp.array(self.forcing.plates)].set(gain),
+            )
         for effect in self.effects:
             if effect.linear or not linear:
                 names = zip(effect.parameters, effect.parameter_names(self.sensors), strict=True)
@@ -156,13 +166,13 @@ def _first_order(
 
 
 @eqx.filter_jit
-def predict(model: ModelWithEffects, parameters: Parameters, linear: bool) -> Float[Array, "time sensor"]:
-    """The readings of the inner sensors, degC; `linear` leaves out the nonlinear effects."""
+def predict(model: ModelWithEffects, parameters: Parameters, linear: bool) -> Float[Array, "time reading"]:
+    """The readings of the sensors, degC, and plates, W/m2; `linear` leaves out the nonlinear effects."""
     return model.predict(parameters, linear=linear)
 
 
 def face_impulse_response(model: ModelWithEffects, parameters: Parameters) -> np.ndarray:
-    """The response of the inner readings to an error of 1 K in one reading of one face, `(face, row, sensor)`.
+    """The response of the readings to an error of 1 K in one reading of one face, `(face, row, reading)`.
 
     Between rows the error is linear. Effects at the faces (such as a lag) apply to it.
     """
@@ -170,7 +180,7 @@ def face_impulse_response(model: ModelWithEffects, parameters: Parameters) -> np
 
 
 @eqx.filter_jit
-def _impulses(model: ModelWithEffects, parameters: Parameters) -> Float[Array, "face time sensor"]:
+def _impulses(model: ModelWithEffects, parameters: Parameters) -> Float[Array, "face time reading"]:
     forcing = model.forcing
     zeros = jnp.zeros_like(forcing.faces)
 
@@ -241,7 +251,7 @@ def _unit_vectors(parameters: Parameters, names: Sequence[str]) -> np.ndarray:
 
 def _function_of_values(
     model: ModelWithEffects, parameters: Parameters, *, linear: bool
-) -> Callable[[Float[Array, " param"]], Float[Array, "time sensor"]]:
+) -> Callable[[Float[Array, " param"]], Float[Array, "time reading"]]:
     """The prediction as a function of the values of all parameters, to differentiate it."""
     return lambda values: model.predict(parameters.with_values(values), linear=linear)
 
@@ -249,7 +259,7 @@ def _function_of_values(
 @eqx.filter_jit
 def _linearise(
     model: ModelWithEffects, bins: BinnedReadings, parameters: Parameters, directions: Float[Array, "chunk two param"]
-) -> tuple[Float[Array, "time sensor"], Float[Array, "direction reading"]]:
+) -> tuple[Float[Array, "time reading"], Float[Array, "direction reading"]]:
     value, along = jax.linearize(_function_of_values(model, parameters, linear=True), parameters.values)
 
     def slopes(some: Array) -> Array:
@@ -265,7 +275,7 @@ def _linearise(
 @eqx.filter_jit
 def _linearise_nonlinear(
     model: ModelWithEffects, bins: BinnedReadings, parameters: Parameters, directions: Float[Array, "direction param"]
-) -> tuple[Float[Array, "time sensor"], Float[Array, "direction reading"]]:
+) -> tuple[Float[Array, "time reading"], Float[Array, "direction reading"]]:
     def directional(direction: Array) -> tuple[Array, Array]:
         predict_at = _function_of_values(model, parameters, linear=False)
         value, slope = jax.jvp(predict_at, (parameters.values,), (direction,))

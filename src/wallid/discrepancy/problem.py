@@ -1,13 +1,14 @@
 """A case prepared for the diagnosis: its model, readings, parameters, priors and bounds.
 
-The parameters are ln(alpha / prior), the nuisance parameters with their priors (amplitudes of the initial profile,
-position errors and offsets of the sensors) and the parameters of every effect of the library. A model contains an
+The readings are those of the inner sensors and of the heat flux plates. The parameters are ln(alpha / prior), the
+nuisance parameters with their priors (amplitudes of the initial profile, position errors and offsets of the sensors;
+with plates the conductivity and their calibrations) and the parameters of every effect of the library. A model contains an
 effect where the parameters of the effect are estimated; otherwise they keep their neutral values.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from .._internal.errors import InputError
 from ..case.case_definition import Case
 from ..case.time_window import Window, diagnosis_window
 from ..case.wall_and_sensors import SIDES
-from ..inference.likelihood import LOG_DIFFUSIVITY
+from ..inference.likelihood import LOG_DIFFUSIVITY, PLATE_GAIN
 from ..inference.noise_covariance import BinnedReadings, NoiseShape, bin_readings
 from ..inference.noise_of_record import noise_shape_of_record
 from ..inference.nuisance_parameters import (
@@ -28,6 +29,14 @@ from ..inference.nuisance_parameters import (
 )
 from ..inference.parameters import Parameter, Parameters, kind_of, target_of
 from ..inference.validity import distinguishable_range
+from ..models.flux_plates import (
+    face_noise_of_model,
+    flux_noise_std,
+    flux_readings,
+    fluxes_of,
+    initial_conductivity,
+    plate_outputs,
+)
 from ..models.state_space import require_x64
 from ..records.uniform_record import Record
 from .effects.base import AbstractEffect
@@ -39,10 +48,11 @@ from .model_with_effects import DEPTH_SIGNS, ModelWithEffects, face_impulse_resp
 from .record_forcing import forcing_of_window
 
 _PLAIN_KINDS = (SensorOffsets(), SensorPositions(), FacePositions(), CommonNoise())
-_SENSOR_ERRORS = {  # the sensor error that an effect estimates without a prior
+_INSTRUMENT_ERRORS = {  # the instrument's error that an effect estimates without a prior
     "sensor_position": SensorPositions.kind,
     "sensor_offset": SensorOffsets.kind,
     "face_depth": FacePositions.kind,
+    "plate_gain": PLATE_GAIN,
 }
 
 
@@ -75,6 +85,7 @@ class DiagnosisProblem:
     Args:
         case: the case.
         record: the rows used.
+        readings: of the inner sensors, degC, then of the plates, W/m2, `(time, reading)`; NaN where missing.
         model: the wall with all effects of the library.
         bins, spacing: the readings, averaged over bins of rows, as from `bin_readings`.
         library: the effects with the names of their parameters.
@@ -85,6 +96,7 @@ class DiagnosisProblem:
 
     case: Case
     record: Record
+    readings: np.ndarray = field(repr=False)
     model: ModelWithEffects = field(repr=False)
     bins: BinnedReadings = field(repr=False)
     spacing: int
@@ -104,28 +116,58 @@ class DiagnosisProblem:
         """Number of inner sensors."""
         return len(self.case.sensors)
 
+    @property
+    def instrument_count(self) -> int:
+        """Number of inner sensors and plates."""
+        return self.readings.shape[1]
+
+    @property
+    def instruments(self) -> tuple[str, ...]:
+        """The names of the inner sensors and the plates, "flux_left" or "flux_right"."""
+        return (*self.model.sensors, *(output.name for output in plate_outputs(self.case)))
+
+    @property
+    def instruments_of_gap(self) -> slice:
+        """The instruments over which a root mean square is taken: those inside the wall, else the plates."""
+        return slice(0, self.sensor_count or None)
+
+    @property
+    def unit_of_gap(self) -> str:
+        """Of their readings, K or W/m2."""
+        return "K" if self.sensor_count else "W/m2"
+
+    @property
+    def noise_stds(self) -> np.ndarray:
+        """Stated standard deviation of each instrument's readings, K or W/m2."""
+        plates = self.instrument_count - self.sensor_count
+        return np.array([sensor.noise_std for sensor in self.case.sensors] + [flux_noise_std(self.case)] * plates)
+
+    def readings_of(self, record: Record) -> np.ndarray:
+        """The readings of the instruments in another record of the same rows, `(time, instrument)`."""
+        return _readings(self.case, record)
+
     def binned(self, values: np.ndarray) -> np.ndarray:
-        """Means over the readings of each bin, sensor by sensor, `(reading,)`; 0 in an empty bin.
+        """Means over the readings of each bin, instrument by instrument, `(reading,)`; 0 in an empty bin.
 
         Args:
-            values: at the rows, `(time, sensor)`.
+            values: at the rows, `(time, instrument)`.
         """
         present = np.asarray(self.bins.present) > 0
         short = -len(values) % self.bins.rows_per_bin
         padded = np.pad(np.where(present, values, 0.0), ((0, short), (0, 0)))
-        total = padded.reshape(-1, self.bins.rows_per_bin, self.sensor_count).sum(axis=1)
+        total = padded.reshape(-1, self.bins.rows_per_bin, self.instrument_count).sum(axis=1)
         return (total / np.maximum(np.asarray(self.bins.counts()), 1.0)).T.reshape(-1)
 
     def replaced_errors(self, active: tuple[EffectParameters, ...]) -> dict[str, EffectParameters]:
-        """The names of the sensor errors with a prior that an effect replaces without one, each with the effect."""
+        """The names of the errors with a prior that an effect replaces without one, each with the effect."""
         return {
-            f"{_SENSOR_ERRORS[one.effect.name]}[{self.target_name(one.effect)}]": one
+            f"{_INSTRUMENT_ERRORS[one.effect.name]}[{self.target_name(one.effect)}]": one
             for one in active
-            if one.effect.name in _SENSOR_ERRORS
+            if one.effect.name in _INSTRUMENT_ERRORS
         }
 
     def taken_over(self, error: str, value: float) -> float:
-        """The size of an effect that replaces a sensor error of this value."""
+        """The size of an effect that replaces an instrument's error of this value."""
         is_face = kind_of(error) == FacePositions.kind
         return float(DEPTH_SIGNS[SIDES.index(target_of(error))]) * value if is_face else value
 
@@ -139,12 +181,10 @@ class DiagnosisProblem:
             bins: of the readings; None for those of the diagnosis.
         """
         bins = self.bins if bins is None else bins
-        sensor_std = np.array([sensor.noise_std for sensor in self.case.sensors])
         positions = parameters.of_kind(SensorPositions.kind, FacePositions.kind)
         response = face_impulse_response(self.model, parameters.with_values(dict.fromkeys(positions, 0.0)))
-        errors = self.case.record.face_errors
-        face_std = self.record.boundary_noise_std
-        return noise_shape_of_record(self.record, response, bins, self.spacing, sensor_std, face_std, errors)
+        face_std, errors = face_noise_of_model(self.case)
+        return noise_shape_of_record(self.record, response, bins, self.spacing, self.noise_stds, face_std, errors)
 
     def estimated_names(self, active: tuple[EffectParameters, ...]) -> tuple[str, ...]:
         """The names of the parameters that a fit with these effects estimates."""
@@ -165,8 +205,9 @@ class DiagnosisProblem:
         target = self.target_name(effect)
         text = effect.name.replace("_", " ")
         text = f"{text} ({effect.variant})" if effect.variant else text
-        if effect.name.startswith("face_"):
-            return f"{text.removeprefix('face ')} of the {target} face"
+        for instrument in ("face", "plate"):
+            if effect.name.startswith(f"{instrument}_"):
+                return f"{text.removeprefix(f'{instrument} ')} of the {target} {instrument}"
         if target in SIDES:
             return f"{text} of the {target} face"
         if target in AIRS:
@@ -184,32 +225,44 @@ def diagnosis_problem(case: Case) -> DiagnosisProblem:
         The model with all effects, the readings, and the parameters with their priors and bounds.
 
     Raises:
-        InputError: the case has no inner sensor, or no inner sensor has a reading in the rows used.
+        InputError: the case has neither an inner sensor nor a plate, or none has a reading in the rows used.
         RuntimeError: 64-bit floats are switched off.
     """
     require_x64()
-    if not case.sensors:
-        raise InputError(f"{case.path}: no [[sensor]]: a diagnosis needs a temperature inside the wall; add a sensor")
+    if not case.sensors and not fluxes_of(case):
+        raise InputError(
+            f"{case.path}: no [[sensor]] and no flux in [record]: a diagnosis needs a temperature inside the wall, or a "
+            "heat flux plate on a face"
+        )
     window = diagnosis_window(case)
     record = case.record.window(window.row, window.rows)
-    present = np.isfinite(record.sensors)
+    readings = _readings(case, record)
+    present = np.isfinite(readings)
     if not present.any():
-        raise InputError(f"{case.record.file}: no inner sensor has a reading in the rows used")
+        instruments = [name for name, some in (("inner sensor", case.sensors), ("plate", fluxes_of(case))) if some]
+        raise InputError(f"{case.record.file}: no {' and no '.join(instruments)} has a reading in the rows used")
     positions = tuple(sensor.position for sensor in case.sensors)
-    search_range = search_range_of_record(record, positions, case.wall.length)
+    plates = tuple(output.position for output in plate_outputs(case))
+    search_range = search_range_of_record(record, positions, case.wall.length, plates)
     effects = library(len(case.sensors), record.regressors)
     model = ModelWithEffects(
         forcing=forcing_of_window(case, window),
         effects=effects,
         log_prior=on_device(np.log(case.wall.diffusivity_prior)),
+        reference_conductivity=on_device(initial_conductivity(case, window) if fluxes_of(case) else 1.0),
         sensors=tuple(sensor.name for sensor in case.sensors),
         substeps=max(1, int(np.ceil(record.step / MAX_SUBSTEP))),
     )
-    bins, spacing = bin_readings(present, np.where(present, record.sensors, 0.0))
+    bins, spacing = bin_readings(present, np.where(present, readings, 0.0))
     entries = tuple(EffectParameters(effect, effect.parameter_names(model.sensors)) for effect in effects)
-    return DiagnosisProblem(
-        case, record, model, bins, spacing, entries, _parameters(case, window, search_range, entries), search_range
-    )
+    parameters = _parameters(case, window, search_range, entries)
+    return DiagnosisProblem(case, record, readings, model, bins, spacing, entries, parameters, search_range)
+
+
+def _readings(case: Case, record: Record) -> np.ndarray:
+    """The readings of the inner sensors, then of the plates, `(time, instrument)`."""
+    plates = flux_readings(replace(case, record=record), Window(0, record.rows))
+    return np.concatenate([record.sensors, plates], axis=1)
 
 
 def _parameters(
@@ -217,7 +270,7 @@ def _parameters(
 ) -> Parameters:
     """The parameters of the plain model, which are those of an estimate, and of all effects."""
     lowest, highest = np.log(np.array(distinguishable_range(case, window)) / case.wall.diffusivity_prior)
-    plain = window_parameters(case, window, _PLAIN_KINDS, plates=()).within(LOG_DIFFUSIVITY, lowest, highest)
+    plain = window_parameters(case, window, _PLAIN_KINDS).within(LOG_DIFFUSIVITY, lowest, highest)
     parameters = []
     for one in library:
         first = next(iter(one.effect.scan(search_range)), {})

@@ -13,6 +13,7 @@ from ..case.time_window import Window
 from ..case.wall_and_sensors import SIDES
 from ..inference.nuisance_parameters import common_noise_of_face
 from ..models.finite_volume_wall import Output, layer_nodes, wall_cells
+from ..models.flux_plates import faces_of_model, fluxes_of
 from ..models.window_inputs import full_order_model
 from ..records.uniform_record import Record, cubic_slopes
 from .effects.equation_terms import ForcingData
@@ -45,13 +46,14 @@ def forcing_of_window(case: Case, window: Window) -> ForcingData:
     largest = np.nanmax(np.abs(heating)) if np.isfinite(heating).any() else 0.0
     relative_positions, resistance, capacity = wall_cells(wall, case.choices.nodes)
     positions = wall.length * relative_positions
-    slopes = record.step * case.record.face_slopes[window.as_slice]
+    faces, slopes = (part[window.as_slice] for part in faces_of_model(case))
+    slopes = record.step * slopes
     coefficients = fit_profile(case, window.row).coefficients
     every_node = full_order_model(case, [Output(x) for x in positions[1:-1]])
     temperatures = np.concatenate([record.faces.ravel(), record.sensors.ravel()])
     return ForcingData(
         step=on_device(record.step),
-        faces=on_device(np.stack([cubic(record.faces[:, side], slopes[:, side]) for side in (0, 1)], axis=-1)),
+        faces=on_device(np.stack([cubic(faces[:, side], slopes[:, side]) for side in (0, 1)], axis=-1)),
         irradiance=on_device(regressor("irradiance")),
         outdoor=on_device(regressor("air_outdoor")),
         indoor=on_device(regressor("air_indoor")),
@@ -67,6 +69,7 @@ def forcing_of_window(case: Case, window: Window) -> ForcingData:
         layer_nodes=on_device(layer_nodes(wall, relative_positions)),
         sensor_positions=on_device(np.array([sensor.position for sensor in case.sensors])),
         length=on_device(wall.length),
+        plates=tuple(SIDES.index(face) for face in fluxes_of(case)),
     )
 
 

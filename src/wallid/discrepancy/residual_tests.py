@@ -1,4 +1,4 @@
-"""Tests of the residual of a fit: its distribution over sensors, hours and days, and omnibus tests against noise."""
+"""Tests of the residual of a fit: its distribution over instruments, hours and days; omnibus tests against noise."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from .._internal.units import DAY
 from ..inference.likelihood import LOG_DIFFUSIVITY
 from .effect_fit import EffectFit
 
-_SLOW = 10  # slow cosines over the record, per sensor
-_MODULATIONS = 6  # slow modulations of the sensitivity to ln(alpha), per sensor
-_MAX_FREQUENCY = 1.0  # cycles per day, of the modulations common to all sensors
-_DAILY = (1, 2)  # harmonics of the day, per sensor
+_SLOW = 10  # slow cosines over the record, per instrument
+_MODULATIONS = 6  # slow modulations of the sensitivity to ln(alpha), per instrument
+_MAX_FREQUENCY = 1.0  # cycles per day, of the modulations common to all instruments
+_DAILY = (1, 2)  # harmonics of the day, per instrument
 _RANK_TOLERANCE = 1e-3  # relative singular value below which a direction is dropped
 _NODES = 40  # of the Gauss-Hermite rule over the noise variance
 
@@ -25,18 +25,18 @@ class ResidualTests:
     """Tests of the residual of a fit.
 
     Args:
-        by_sensor: root mean square, K, by name of the sensor.
-        by_hour: mean, K, `(hour of the day, sensor)`.
-        by_day: root mean square, K, `(day, sensor)`.
+        by_instrument: root mean square, K (W/m2 of a plate), by name of the sensor or plate.
+        by_hour: mean, `(hour of the day, instrument)`.
+        by_day: root mean square, `(day, instrument)`.
         statistic: squared length of the whitened residual in the directions of the omnibus test with the smaller
             p-value; chi-square distributed for a true model and known noise variance.
         degrees_of_freedom: of that test.
         p_value: of both omnibus tests together, with the uncertainty of the noise variance.
         smooth_residual: the part of the residual in all directions of the tests, orthogonal to the estimated
-            parameters, K, `(bin, sensor)`.
+            parameters, `(bin, instrument)`.
     """
 
-    by_sensor: dict[str, float]
+    by_instrument: dict[str, float]
     by_hour: np.ndarray = field(repr=False)
     by_day: np.ndarray = field(repr=False)
     statistic: float
@@ -50,8 +50,8 @@ def run_residual_tests(fit: EffectFit, allowance: float = 0.0) -> ResidualTests:
 
     Two omnibus tests project the residual on directions that do not depend on any effect and are orthogonal to the
     estimated parameters. The first has about 60 directions: slow cosines, harmonics of the day, and the slowly
-    modulated sensitivity to ln(alpha), each per sensor. The second has two directions per day of record: the
-    sensitivity modulated with up to one cycle per day, for all sensors at once, orthogonal to the first. The
+    modulated sensitivity to ln(alpha), each per instrument. The second has two directions per day of record: the
+    sensitivity modulated with up to one cycle per day, for all instruments at once, orthogonal to the first. The
     smaller p-value p of the two independent tests gives `1 - (1 - p)^2`.
 
     Args:
@@ -60,14 +60,14 @@ def run_residual_tests(fit: EffectFit, allowance: float = 0.0) -> ResidualTests:
             so a large one leaves more than noise.
     """
     record, residual = fit.problem.record, fit.residual_at_rows
-    names = [sensor.name for sensor in fit.problem.case.sensors]
+    names = fit.problem.instruments
     hours = np.asarray(fit.problem.model.forcing.hour)
     hours = np.concatenate([hours, [(hours[-1] + record.step / 3600.0) % 24]]).astype(int) % 24
     days = (record.time // DAY).astype(int)
     with np.errstate(invalid="ignore", divide="ignore"):
         by_hour = np.stack([_mean(residual[hours == hour]) for hour in range(24)])
         by_day = np.sqrt(np.stack([_mean(residual[days == day] ** 2) for day in range(days[-1] + 1)]))
-        by_sensor = dict(zip(names, np.sqrt(_mean(residual**2)).tolist(), strict=True))
+        by_instrument = dict(zip(names, np.sqrt(_mean(residual**2)).tolist(), strict=True))
     tests, bases = [], []
     for directions in omnibus_directions(fit):
         basis = _orthogonal_basis(fit, directions, bases)
@@ -80,9 +80,9 @@ def run_residual_tests(fit: EffectFit, allowance: float = 0.0) -> ResidualTests:
     p_value = -np.expm1(len(tests) * np.log1p(-min(smallest, 1.0 - 1e-16)))
     white = np.sum([basis @ (basis.T @ fit.residual) for basis in bases], axis=0)[: len(fit.noise.whitening)]
     smooth = (
-        scipy.linalg.solve_triangular(fit.noise.whitening, white, lower=True).reshape(fit.problem.sensor_count, -1).T
+        scipy.linalg.solve_triangular(fit.noise.whitening, white, lower=True).reshape(fit.problem.instrument_count, -1).T
     )
-    return ResidualTests(by_sensor, by_hour, by_day, statistic, freedom, float(p_value), smooth)
+    return ResidualTests(by_instrument, by_hour, by_day, statistic, freedom, float(p_value), smooth)
 
 
 def chi_square_p_value(statistic: float, freedom: int, spread: float, noncentrality: float = 0.0) -> float:
@@ -107,22 +107,22 @@ def _mean(values: np.ndarray) -> np.ndarray:
 
 def omnibus_directions(fit: EffectFit) -> tuple[np.ndarray, np.ndarray]:
     """The directions of the two omnibus tests in the binned readings, K, `(direction, reading)` each."""
-    problem, sensors = fit.problem, fit.problem.sensor_count
-    sensitivity = fit.unwhitened()[0][:, fit.index(LOG_DIFFUSIVITY)].reshape(sensors, -1)
+    problem, instruments = fit.problem, fit.problem.instrument_count
+    sensitivity = fit.unwhitened()[0][:, fit.index(LOG_DIFFUSIVITY)].reshape(instruments, -1)
     bins = sensitivity.shape[1]
     middle = (np.arange(bins) + 0.5) / bins
     days = middle * bins * problem.bins.rows_per_bin * problem.record.step / DAY
     slow = [np.cos(np.pi * k * middle) for k in range(_SLOW)]
     daily = [harmonic(2 * np.pi * k * days) for k in _DAILY for harmonic in (np.cos, np.sin)]
-    per_sensor = [np.kron(np.eye(sensors)[s], signal) for signal in (*slow, *daily) for s in range(sensors)]
-    per_sensor += [
-        np.kron(np.eye(sensors)[s], sensitivity[s] * np.cos(np.pi * k * middle))
-        for s in range(sensors)
+    each = [np.kron(np.eye(instruments)[s], signal) for signal in (*slow, *daily) for s in range(instruments)]
+    each += [
+        np.kron(np.eye(instruments)[s], sensitivity[s] * np.cos(np.pi * k * middle))
+        for s in range(instruments)
         for k in range(_MODULATIONS)
     ]
     half_cycles = max(2, int(2 * _MAX_FREQUENCY * days[-1]))
     common = [(sensitivity * np.cos(np.pi * k * middle)).ravel() for k in range(1, half_cycles + 1)]
-    return np.array(per_sensor), np.array(common)
+    return np.array(each), np.array(common)
 
 
 def _orthogonal_basis(fit: EffectFit, directions: np.ndarray, others: list[np.ndarray]) -> np.ndarray:

@@ -39,20 +39,21 @@ def _sentence(findings: Findings) -> str:
     if verdict == "adequate":
         text = (
             f"This record shows no missing effect: the diffusivity is {final.diffusivity:.4g} m2/s and the rms "
-            f"residual {gap.after:.3g} K, where noise alone gives {gap.noise_floor:.3g} K."
+            f"residual {gap.after:.3g} {gap.unit}, where noise alone gives {gap.noise_floor:.3g} {gap.unit}."
         )
         return text + _would_have_been_seen(findings) + _rejected(findings)
     if verdict == "unnamed":
-        by_sensor = findings.residual_tests_after.by_sensor
+        rms, floors = findings.residual_tests_after.by_instrument, findings.after.noise.rms_of_outputs
+        ratios = {name: rms[name] / floor for name, floor in zip(rms, floors, strict=True) if np.isfinite(floor)}
         return (
-            f"An effect is missing that is none of the known effects: the rms residual is {gap.after:.3g} K, where "
-            f"noise alone gives {gap.noise_floor:.3g} K, largest at {max(by_sensor, key=by_sensor.__getitem__)}; "
+            f"An effect is missing that is none of the known effects: the rms residual is {gap.after:.3g} {gap.unit}, where "
+            f"noise alone gives {gap.noise_floor:.3g} {gap.unit}, largest at {max(ratios, key=ratios.__getitem__)}; "
             f"{findings.incomplete}. The diffusivity lies between {low:.4g} and {high:.4g} m2/s."
         )
     if findings.mixups and not findings.effects:
         return (
             f"With that corrected, the record shows no missing effect: the diffusivity is {final.diffusivity:.4g} m2/s "
-            f"and the rms residual {gap.after:.3g} K, where noise alone gives {gap.noise_floor:.3g} K."
+            f"and the rms residual {gap.after:.3g} {gap.unit}, where noise alone gives {gap.noise_floor:.3g} {gap.unit}."
         )
     named = " and ".join(_label_with_size(effect, problem) for effect in findings.effects)
     verb, pronoun = ("is", "it") if len(findings.effects) == 1 else ("are", "them")
@@ -60,11 +61,11 @@ def _sentence(findings: Findings) -> str:
         ""
         if gap.held_out_before is None or gap.held_out_after is None
         else f", and the rms residual on days that the fit did not use from {gap.held_out_before:.3g} to "
-        f"{gap.held_out_after:.3g} K"
+        f"{gap.held_out_after:.3g} {gap.unit}"
     )
     text = (
         f"{named[:1].upper()}{named[1:]} {verb} missing; with {pronoun} the diffusivity goes from "
-        f"{plain.diffusivity:.4g} to {final.diffusivity:.4g} m2/s{held_out}; noise alone gives {gap.noise_floor:.3g} K."
+        f"{plain.diffusivity:.4g} to {final.diffusivity:.4g} m2/s{held_out}; noise alone gives {gap.noise_floor:.3g} {gap.unit}."
     )
     if verdict == "confusable":
         text += " " + " ".join(_ambiguity(effect, problem) for effect in findings.effects if effect.alternatives)

@@ -6,17 +6,17 @@ smoothed. No daily kernel is used: it would take the daily course of the sun for
 
 from __future__ import annotations
 
-from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from ..case.case_definition import Case
 from ..case.time_window import diagnosis_window
 from ..estimation.unknown_heat import UnknownHeat, unknown_heat_of
 from ..inference.disturbance_covariance import disturbed_readings
 from ..inference.disturbance_search import RestrictedLikelihood, find_disturbance
 from ..inference.filter_model import FittedReadings, filter_model_of
 from ..inference.noise_covariance import BinnedReadings
+from ..models.flux_plates import with_filtered_faces, with_flux
 from ..models.window_inputs import window_data
 from .effect_fit import EffectFit
 from .model_with_effects import linearise
@@ -32,7 +32,7 @@ def unexplained_heat(fit: EffectFit) -> UnknownHeat | None:
         fit: the final model of the diagnosis.
     """
     problem, parameters = fit.problem, fit.parameters
-    case, window = _without_plates(problem.case), diagnosis_window(problem.case)
+    case, window = problem.case, diagnosis_window(problem.case)
     if problem.bins.nonempty <= 2 * len(parameters.estimated_names):
         return None
     mask = np.asarray(parameters.estimated)
@@ -42,7 +42,14 @@ def unexplained_heat(fit: EffectFit) -> UnknownHeat | None:
     unit[0] = 1.0
     deviation = np.where(np.isfinite(stated), np.asarray(parameters.values)[mask] / unit, 0.0)
     deviation[0] = 0.0
-    readings = disturbed_readings(case, window_data(case, window), fit.diffusivity, spacing=problem.spacing)
+    data = with_filtered_faces(case, window, with_flux(case, window, window_data(case, window)))
+    terms = problem.model.terms(parameters, linear=True)
+    films = np.asarray(terms.film + terms.conductivity * terms.plate_resistance)
+    disturbed = partial(
+        disturbed_readings, case, data, fit.diffusivity,
+        conductance=float(terms.conductivity) / case.wall.length, contacts=tuple(films.tolist()),
+    )  # fmt: skip
+    readings = disturbed(spacing=problem.spacing)
     factor = -(-problem.bins.readings // _MAX_READINGS)
     coarse = BinnedReadings(problem.bins.observed, problem.bins.present, problem.bins.rows_per_bin * factor)
     shape = problem.noise_shape(parameters, coarse)
@@ -53,11 +60,12 @@ def unexplained_heat(fit: EffectFit) -> UnknownHeat | None:
         shape.counts.T.reshape(-1) > 0, binned(residual), binned((jacobian * unit).T).T, deviation
     )
     step = problem.record.step * problem.spacing
-    found = find_disturbance(readings, shape, step, likelihood, fit.noise)
+    without = None if readings.in_flux else fit.noise  # as in an estimate
+    found = find_disturbance(readings, shape, step, likelihood, without)
     rows = BinnedReadings(problem.bins.observed, problem.bins.present, 1)
     names, linear = parameters.estimated_names, problem.is_linear(fit.active)
     _, slopes = linearise(problem.model, rows, parameters, names, linear=linear)
-    count, sensors = rows.observed.shape
+    count, instruments = rows.observed.shape
     prior_std = np.ones(len(unit))
     prior_std[0] = _WIDE
     fitted = FittedReadings(
@@ -67,17 +75,10 @@ def unexplained_heat(fit: EffectFit) -> UnknownHeat | None:
         correlation=0.0,
         disturbance=found,
         residual=fit.residual_at_rows,
-        present=np.isfinite(problem.record.sensors),
-        jacobian=(np.asarray(slopes).T * unit).reshape(sensors, count, -1).transpose(1, 0, 2),
+        present=np.isfinite(problem.readings),
+        jacobian=(np.asarray(slopes).T * unit).reshape(instruments, count, -1).transpose(1, 0, 2),
         prior_std=prior_std,
         deviation=deviation,
     )
-    at_rows = disturbed_readings(case, window_data(case, window), fit.diffusivity)
-    course, std = filter_model_of(fitted, at_rows).smoothed_heat()
+    course, std = filter_model_of(fitted, disturbed()).smoothed_heat()
     return unknown_heat_of(case, window, found, course, std)
-
-
-def _without_plates(case: Case) -> Case:
-    """The case without its fluxes, which a diagnosis does not use."""
-    columns = {name: values for name, values in case.record.regressors.items() if not name.startswith("flux_")}
-    return replace(case, record=replace(case.record, regressors=columns))

@@ -15,6 +15,7 @@ from ..case.case_definition import Case
 from ..case.initial_profile import scales
 from ..case.time_window import Window
 from ..models.flux_plates import (
+    face_noise_of_model,
     flux_noise_std,
     fluxes_of,
     full_order_model_with_plates,
@@ -300,10 +301,7 @@ class _IteratedGLS:
         plates = response.shape[2] - len(case.sensors)
         response[:, :, len(case.sensors) :] *= conductance
         sensor_std = np.array([sensor.noise_std for sensor in case.sensors] + [flux_noise_std(case)] * plates)
-        # with plates the noise is that of the residual, which contains what the faces do between rows; their inputs are
-        # the faces' readings without noise (`with_filtered_faces`)
-        errors = case.record.face_errors.of_filtered if plates else case.record.face_errors
-        face_std = 0.0 if plates else self.record.boundary_noise_std
+        face_std, errors = face_noise_of_model(case)
         return noise_shape_of_record(self.record, response, bins, self.spacing, sensor_std, face_std, errors)
 
 

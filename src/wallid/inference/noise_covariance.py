@@ -131,7 +131,7 @@ class NoiseCovariance:
         correlation: of the autocorrelated part, from row to row.
         whitening: W, lower triangular, with `W' W` the inverse covariance of the binned readings.
         covariance: of the binned readings, K2.
-        residual_rms: root mean square at the rows of the noise alone, K.
+        rms_of_outputs: root mean square at the rows of the noise alone, of each output, in its unit; NaN without a reading.
         log_power_std: standard deviation of the logarithm of the noise's power at low frequencies.
         degrees_of_freedom: of the estimate of the noise; infinite where the noise is as stated.
         shape_probability, std_ratio: the probability of each other shape of the noise, and a parameter's standard error
@@ -145,7 +145,7 @@ class NoiseCovariance:
     correlation: float
     whitening: np.ndarray = field(repr=False)
     covariance: np.ndarray = field(repr=False)
-    residual_rms: float
+    rms_of_outputs: np.ndarray = field(repr=False)
     log_power_std: float = 0.0
     degrees_of_freedom: float = np.inf
     shape_probability: np.ndarray = field(default_factory=lambda: np.ones(1), repr=False)
@@ -262,7 +262,7 @@ class NoiseShape:
         R[missing, missing] = 1.0
         lower = np.linalg.cholesky(R)
         whitening = scipy.linalg.solve_triangular(lower, np.eye(len(R)), lower=True)
-        rms = float(np.sqrt(self._noise_power(white, autocorrelated, rho).sum() / self.present.sum()))
+        rms = self._rms_of_outputs(white, autocorrelated, rho)
         return NoiseCovariance(white, autocorrelated, rho, whitening, R, rms, disturbance=disturbance)
 
     def covariance_like(self, noise: NoiseCovariance) -> NoiseCovariance:
@@ -278,9 +278,7 @@ class NoiseShape:
 
         NaN for an output without a reading.
         """
-        readings = self.present.sum(axis=0)
-        power = self._noise_power(1.0, 0.0, 0.0)
-        return np.sqrt(np.divide(power, readings, out=np.full(len(power), np.nan), where=readings > 0))
+        return self._rms_of_outputs(1.0, 0.0, 0.0)
 
     def face_variance(self, white: float, autocorrelated: float, rho: float) -> Float[np.ndarray, " sensor"]:
         """Variance of each output at the rows by the errors of the faces, in its unit squared."""
@@ -295,11 +293,13 @@ class NoiseShape:
         of_readings = self.face_std**2 * np.einsum("flk,l->k", correlation, autocovariance)
         return of_readings + np.einsum("flk,fl->k", correlation[:, :lags], of_cubics)
 
-    def _noise_power(self, white: float, autocorrelated: float, rho: float) -> np.ndarray:
-        """Sum of the noise's variance over the readings of each output, the faces' part included, `(sensor,)`."""
+    def _rms_of_outputs(self, white: float, autocorrelated: float, rho: float) -> np.ndarray:
+        """Root mean square of the noise at the rows of each output, the faces' part included; NaN without a reading."""
+        readings = self.present.sum(axis=0)
         variance = self.sensor_std**2 * (white + autocorrelated) + self.face_variance(white, autocorrelated, rho)
         gaps = (np.sum(self.gap_errors**2, axis=0) * self.counts.T.reshape(-1)).reshape(self.sensor_count, -1)
-        return self.present.sum(axis=0) * variance + gaps.sum(axis=1)
+        power = readings * variance + gaps.sum(axis=1)
+        return np.sqrt(np.divide(power, readings, out=np.full(len(power), np.nan), where=readings > 0))
 
     @property
     def largest_gap_errors(self) -> np.ndarray:

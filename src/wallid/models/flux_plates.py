@@ -6,12 +6,14 @@ import math
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from .._internal.arrays import on_device
 from ..case.case_definition import Case
 from ..case.initial_profile import PROFILE_MODES, scales
 from ..case.time_window import Window, entire_record
 from ..case.wall_and_sensors import SIDES
+from ..records.face_variation import FaceErrors
 from ..records.uniform_record import cubic_slopes
 from .finite_volume_wall import HeatProfile, Output
 from .state_space import StateSpace
@@ -83,19 +85,36 @@ def with_flux(case: Case, window: Window, data: WindowData) -> WindowData:
     return append_flux_readings(data, flux_readings(case, window), flux_noise_std(case))
 
 
-def with_filtered_faces(case: Case, window: Window, data: WindowData) -> WindowData:
-    """The window's data with the faces' readings without their noise; unchanged without plates.
+def faces_of_model(case: Case) -> tuple[Float[np.ndarray, "time face"], Float[np.ndarray, "time face"]]:
+    """The faces' temperatures that drive the model, degC, and their slopes at the rows, K/s.
 
-    Fast noise of a face would be a large flux. Fitted with it, the wall's capacity is too small, as a slope is that is
-    fitted with a noisy abscissa.
+    They are the readings, with plates the readings without their noise. Fast noise of a face would be a large flux.
+    Fitted with it, the wall's capacity is too small, as a slope is that is fitted with a noisy abscissa.
 
     Source: W. A. Fuller, Measurement Error Models (1987), 1.1.
     """
+    record = case.record
+    if not fluxes_of(case):
+        return record.faces, record.face_slopes
+    faces = record.face_errors.filtered(record.faces, record.step)
+    return faces, cubic_slopes(faces, record.step)
+
+
+def face_noise_of_model(case: Case) -> tuple[float, FaceErrors]:
+    """The noise of the temperatures that drive the model, K, and what they do between rows.
+
+    With plates the noise is estimated from the residual, which has both in it: what is left is the error of the filter.
+    """
+    if fluxes_of(case):
+        return 0.0, case.record.face_errors.of_filtered
+    return case.record.boundary_noise_std, case.record.face_errors
+
+
+def with_filtered_faces(case: Case, window: Window, data: WindowData) -> WindowData:
+    """The window's data with the faces of `faces_of_model`."""
     if not fluxes_of(case):
         return data
-    record, scale = case.record, scales(case)
-    faces = record.face_errors.filtered(record.faces, record.step)
-    inputs = boundary_inputs(scale, faces, cubic_slopes(faces, record.step))[window.as_slice]
+    inputs = boundary_inputs(scales(case), *faces_of_model(case))[window.as_slice]
     return eqx.tree_at(lambda d: d.inputs, data, on_device(inputs))
 
 

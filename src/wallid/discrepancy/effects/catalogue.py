@@ -27,12 +27,13 @@ from .material import (
     TemperatureDependentConductivity,
     WettingByRain,
 )
+from .plates import OnePlate, PlateGain, PlateLag, PlateOffset, PlateResistance
 from .sensors import ClockShift, SensorDrift, SensorGain, SensorLag, SensorOffset, SensorPosition
 
 _PER_SENSOR = (SensorPosition, SensorLag, SensorOffset, SensorGain, SensorDrift)
 _PER_FACE = (FaceOffset, FaceLag, FaceDepth, SurfaceFilm, SolarGain)
+_PER_PLATE = (PlateGain, PlateOffset, PlateLag, PlateResistance)
 _PER_WALL = (
-    ClockShift,
     LayeredConductivity,
     LayeredCapacity,
     ContactResistance,
@@ -48,7 +49,7 @@ _PER_WALL = (
     DiffusivityDrift,
     WettingByRain,
 )
-LIBRARY: tuple[type[AbstractEffect], ...] = (*_PER_SENSOR, *_PER_FACE, LateralLoss, *_PER_WALL)
+LIBRARY: tuple[type[AbstractEffect], ...] = (*_PER_SENSOR, *_PER_FACE, *_PER_PLATE, LateralLoss, ClockShift, *_PER_WALL)
 """All classes of effects."""
 
 
@@ -56,7 +57,8 @@ def _all_effects(sensors: int) -> list[AbstractEffect]:
     """Every effect at every target, at its neutral value."""
     return [
         *(effect(sensor=sensor) for effect in _PER_SENSOR for sensor in range(sensors)),
-        *(effect(side=side) for effect in _PER_FACE for side in SIDES),
+        *((ClockShift(),) if sensors else ()),
+        *(effect(side=side) for effect in (*_PER_FACE, *_PER_PLATE) for side in SIDES),
         *(LateralLoss(air=air) for air in AIRS),
         *(effect() for effect in _PER_WALL),
     ]
@@ -73,15 +75,20 @@ def library(sensors: int, logged: Collection[str]) -> tuple[AbstractEffect, ...]
 
 
 def untestable(sensors: int, logged: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """The effects that need regressors which were not logged, with these regressors."""
+    """The effects that need regressors which were not logged, with these regressors.
+
+    The error of a plate that is not there is none of them.
+    """
     missing: dict[str, set[str]] = {}
     for effect in _all_effects(sensors):
         absent = set(effect.required_regressors()) - set(logged)
-        if absent and effect.name != "heat_source":
+        has_instrument = not isinstance(effect, OnePlate) or effect.column in logged
+        if absent and has_instrument and effect.name != "heat_source":
             missing.setdefault(effect.name, set()).update(absent)
     return {name: tuple(sorted(absent)) for name, absent in missing.items()}
 
 
 def unlogged(sensors: int, logged: Collection[str]) -> list[str]:
-    """The regressors that would make further effects testable."""
-    return sorted({name for needed in untestable(sensors, logged).values() for name in needed})
+    """The columns that would make further effects testable, but for plates."""
+    needed = {name for columns in untestable(sensors, logged).values() for name in columns}
+    return sorted(name for name in needed if not name.startswith("flux_"))

@@ -7,6 +7,8 @@ miss, at their neutral values. Each effect adds to some of them, so effects comb
 
 with gamma and kappa relative to the effective heat capacity and conductivity of the wall, the factor s(t) of the
 diffusivity, the air velocity v, the loss coefficients s_a to the air temperatures T_a, and heat sources q in K/s.
+
+The readings are those of the inner sensors, degC, and after them those of the heat flux plates, W/m2.
 """
 
 from __future__ import annotations
@@ -51,6 +53,7 @@ class ForcingData(eqx.Module):
         layer_nodes: indices of the nodes at the edges of the wall's layers, both faces included.
         sensor_positions: stated positions of the inner sensors, m.
         length: length of the wall, m.
+        plates: indices of the faces with a heat flux plate, 0 for the left one.
     """
 
     step: Float[Array, ""]
@@ -70,6 +73,7 @@ class ForcingData(eqx.Module):
     layer_nodes: Int[Array, " edge"]
     sensor_positions: Float[Array, " sensor"]
     length: Float[Array, ""]
+    plates: tuple[int, ...] = eqx.field(static=True, default=())
 
     @property
     def intervals(self) -> int:
@@ -131,6 +135,11 @@ class Terms(eqx.Module):
         gain: gain error of each inner sensor, -.
         offset: offset of each inner sensor, K.
         rate: drift of each inner sensor, K/day.
+        conductivity: effective one of the wall, W/m/K, by which gradients become fluxes.
+        plate_gain: calibration error of the plate at each face, -.
+        plate_offset: offset of each plate, W/m2.
+        plate_lag: time constant of each plate, s.
+        plate_resistance: between each face's reading and the wall, m2 K/W: of a plate and its contact.
     """
 
     faces: Float[Array, "interval power face"]
@@ -147,6 +156,11 @@ class Terms(eqx.Module):
     gain: Float[Array, " sensor"]
     offset: Float[Array, " sensor"]
     rate: Float[Array, " sensor"]
+    conductivity: Float[Array, ""]
+    plate_gain: Float[Array, " face"]
+    plate_offset: Float[Array, " face"]
+    plate_lag: Float[Array, " face"]
+    plate_resistance: Float[Array, " face"]
     conductivity_steps: tuple[Step, ...] = ()
     capacity_steps: tuple[Step, ...] = ()
     joints: tuple[Step, ...] = ()
@@ -174,6 +188,11 @@ class Terms(eqx.Module):
             gain=per_sensor,
             offset=per_sensor,
             rate=per_sensor,
+            conductivity=jnp.ones(()),
+            plate_gain=pair,
+            plate_offset=pair,
+            plate_lag=pair,
+            plate_resistance=pair,
         )
 
     def add(self, **changes: Any) -> Terms:

@@ -14,7 +14,7 @@ from .base import AbstractEffect, Parameter, lower_bounded, parameter_field
 from .equation_terms import CONSTANT, DERIVATIVE, ForcingData, Terms
 
 
-class _OneFace(AbstractEffect):
+class OneFace(AbstractEffect):
     """An effect at one face."""
 
     side: eqx.AbstractVar[Side]
@@ -25,12 +25,12 @@ class _OneFace(AbstractEffect):
         return self.side
 
     @property
-    def _mask(self) -> np.ndarray:
+    def mask(self) -> np.ndarray:
         """1 at this face, 0 at the other."""
         return np.array([float(side == self.side) for side in SIDES])
 
 
-class FaceOffset(_OneFace):
+class FaceOffset(OneFace):
     """Offset of a face sensor: `T_face = reading - offset`."""
 
     name: ClassVar[str] = "face_offset"
@@ -40,10 +40,10 @@ class FaceOffset(_OneFace):
 
     def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
         """The terms with this effect added."""
-        return terms.add(faces=-self.offset * (CONSTANT[:, None] * self._mask))
+        return terms.add(faces=-self.offset * (CONSTANT[:, None] * self.mask))
 
 
-class FaceLag(_OneFace):
+class FaceLag(OneFace):
     """Lag of a face sensor: `T_face = reading + time_constant d(reading)/dt`, by the cubic between rows."""
 
     name: ClassVar[str] = "face_lag"
@@ -55,10 +55,10 @@ class FaceLag(_OneFace):
         """The terms with this effect added."""
         reading = forcing.faces[:, :, SIDES.index(self.side)]
         slope = reading @ DERIVATIVE / forcing.step
-        return terms.add(faces=lower_bounded(self.time_constant, 0.0) * slope[:, :, None] * self._mask)
+        return terms.add(faces=lower_bounded(self.time_constant, 0.0) * slope[:, :, None] * self.mask)
 
 
-class FaceDepth(_OneFace):
+class FaceDepth(OneFace):
     """A face sensor at `depth` inside the wall: the modelled wall begins at `x = depth`, of length `L - depth`."""
 
     name: ClassVar[str] = "face_depth"
@@ -68,14 +68,14 @@ class FaceDepth(_OneFace):
 
     def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
         """The terms with this effect added."""
-        return terms.add(depth=lower_bounded(self.depth, 0.0) * self._mask)
+        return terms.add(depth=lower_bounded(self.depth, 0.0) * self.mask)
 
     def bounds(self, parameter, search_range):
         """Depths less than that of the nearest inner sensor."""
         return 0.0, 0.9 * search_range.face_clearance[SIDES.index(self.side)]
 
 
-class SolarGain(_OneFace):
+class SolarGain(OneFace):
     """Solar gain of a face: `T_face = reading + gain G`, with the irradiance G on the outer face in W/m2."""
 
     name: ClassVar[str] = "solar_gain"
@@ -86,10 +86,10 @@ class SolarGain(_OneFace):
 
     def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
         """The terms with this effect added."""
-        return terms.add(faces=self.gain * forcing.irradiance[:, :, None] * self._mask)
+        return terms.add(faces=self.gain * forcing.irradiance[:, :, None] * self.mask)
 
 
-class SurfaceFilm(_OneFace):
+class SurfaceFilm(OneFace):
     """Surface film: `k dT/dn = h (reading - T_face)`, n outward; the reading is that of the air, film_length = k/h."""
 
     name: ClassVar[str] = "surface_film"
@@ -99,4 +99,4 @@ class SurfaceFilm(_OneFace):
 
     def apply(self, terms: Terms, forcing: ForcingData) -> Terms:
         """The terms with this effect added."""
-        return terms.add(film=lower_bounded(self.film_length, 0.0) * self._mask)
+        return terms.add(film=lower_bounded(self.film_length, 0.0) * self.mask)

@@ -15,8 +15,8 @@ class SearchRange:
 
     Args:
         length: length of the wall, m.
-        face_clearance: distance from each face to the nearest sensor, m.
-        interface_positions: candidate positions of interfaces, m, between the outermost sensors.
+        face_clearance: distance from each face to the nearest inner sensor, m.
+        interface_positions: candidate positions of interfaces, m, between the outermost instruments.
         duration: duration of the record, s.
         rain: starts of the largest rain events, s since the first row; empty where no rain was logged.
         coldest: lowest temperature of all readings, degC.
@@ -32,25 +32,30 @@ class SearchRange:
     warmest: float
 
 
-def search_range_of_record(record: Record, positions: tuple[float, ...], length: float, count: int = 9) -> SearchRange:
+def search_range_of_record(
+    record: Record, positions: tuple[float, ...], length: float, plates: tuple[float, ...] = (), count: int = 9
+) -> SearchRange:
     """The search ranges for a record.
 
-    Interfaces are searched between the outermost sensors, because nearer to a face they act as a surface film. With
-    a single sensor they are searched in the middle half of the wall.
+    Interfaces are searched between the outermost sensors and plates, because nearer to a face without a plate they act
+    as a surface film. With one instrument they are searched in the middle half of the wall.
 
     Args:
         record: the rows used.
         positions: of the inner sensors, m.
         length: of the wall, m.
+        plates: positions of the faces with a heat flux plate, m.
         count: number of candidate positions of interfaces.
     """
-    low, high = (min(positions), max(positions)) if len(positions) > 1 else (0.25 * length, 0.75 * length)
+    instruments = (*positions, *plates)
+    low, high = (min(instruments), max(instruments)) if len(instruments) > 1 else (0.25 * length, 0.75 * length)
     margin = 0.04 * (high - low)
     candidates = [low + margin + (high - low - 2 * margin) * i / (count - 1) for i in range(count)]
-    inner = record.sensors[~np.isnan(record.sensors)] if record.sensors.size else record.faces.ravel()
+    present = np.isfinite(record.sensors)
+    inner = record.sensors[present] if present.any() else record.faces.ravel()
     return SearchRange(
         length=length,
-        face_clearance=(float(min(positions)), float(length - max(positions))),
+        face_clearance=(float(min(positions, default=length)), float(length - max(positions, default=0.0))),
         interface_positions=tuple(float(position) for position in candidates),
         duration=record.duration,
         rain=_rain_onsets(record),

@@ -31,7 +31,8 @@ class Cells(eqx.Module):
         advection: velocity over the distance between the neighbours of a node, 1/s.
         loss: sum of the loss coefficients, 1/s.
         heat_input_matrix: rate of the nodes per unit of the inputs after the faces, 1/s or K/s.
-        state_to_readings: weights of the inner nodes for each reading.
+        state_to_readings: weights of the inner nodes for each reading: of the temperature at an inner sensor, and of
+            the heat flux over the effective conductivity at a plate, K/m, positive along +x.
         faces_to_readings: weights of the two face readings for each reading.
         inputs: coefficients of all inputs between rows.
     """
@@ -42,8 +43,8 @@ class Cells(eqx.Module):
     advection: Float[Array, " node"]
     loss: Float[Array, ""]
     heat_input_matrix: Float[Array, "node channel"]
-    state_to_readings: Float[Array, "sensor node"]
-    faces_to_readings: Float[Array, "sensor face"]
+    state_to_readings: Float[Array, "reading node"]
+    faces_to_readings: Float[Array, "reading face"]
     inputs: Float[Array, "interval power input"]
 
 
@@ -72,7 +73,8 @@ def build_cells(terms: Terms, forcing: ForcingData) -> Cells:
         capacity = capacity * _cell_means_of_step(bounds, layer)
     factor = length / jnp.sum(resistance)
     # the length of a film is that of the material, as the thickness of a joint
-    resistance, film = factor * resistance, factor * terms.film
+    film = terms.film + terms.conductivity * terms.plate_resistance
+    resistance, film = factor * resistance, factor * film
     capacity = capacity * (length / jnp.sum(capacity))
 
     # behind a film T_face = (1 - w) T_read + w T_first; the half cell of the face is added to the node next to it
@@ -80,6 +82,7 @@ def build_cells(terms: Terms, forcing: ForcingData) -> Cells:
     ends = jnp.array([0, -1])
     inner = capacity[1:-1].at[ends].add(weight * capacity[ends])
     rows = _reading_weights(positions, resistance, forcing.layer_nodes, forcing.sensor_positions + terms.position)
+    rows = jnp.concatenate([rows, _flux_weights(resistance)[jnp.array(forcing.plates, dtype=int)]])
     state = rows[:, 1:-1].at[:, ends].add(weight * rows[:, ends])
     face = (1.0 - weight) * rows[:, ends]
 
@@ -141,6 +144,24 @@ def _reading_weights(
     ]
     rows = jnp.zeros((position.shape[0], positions.shape[0]))
     return rows.at[jnp.arange(position.shape[0])[:, None], stencil].set(jnp.stack(weights, axis=1))
+
+
+def _flux_weights(resistance: Float[Array, " cell"]) -> Float[Array, "face all"]:
+    """Weights of all nodes for the flux at each face, in the wall behind a film, by the same cubics."""
+    cumulative = jnp.concatenate([jnp.zeros(1), jnp.cumsum(resistance)])
+    from_right = jnp.sum(resistance) - cumulative[::-1]
+    left, right = (jnp.pad(_end_slope(one[:_STENCIL]), (0, cumulative.shape[0] - _STENCIL)) for one in (cumulative, from_right))
+    return jnp.stack([-left, right[::-1]])
+
+
+def _end_slope(nodes: Float[Array, " stencil"]) -> Float[Array, " stencil"]:
+    """Weights of the values at some nodes for the slope of their polynomial at the first node."""
+    others = range(1, _STENCIL)
+    weights = []
+    for i in others:
+        product = math.prod((nodes[0] - nodes[j]) / (nodes[i] - nodes[j]) for j in others if j != i)
+        weights.append(product / (nodes[i] - nodes[0]))
+    return jnp.stack([-sum(weights), *weights])
 
 
 def initial_state(forcing: ForcingData, profile: Float[Array, " mode"]) -> Float[Array, " inner"]:

@@ -18,7 +18,7 @@ from ..effects.equation_terms import ForcingData, Terms
 from .cells import Cells, build_cells, initial_state, inputs_at_rows
 from .linear_wall import Modes, modal_decomposition
 from .nonlinear_wall import build_nonlinear_wall
-from .sensor_readings import apply_sensor_effects
+from .sensor_readings import apply_instrument_effects
 
 
 class BaseSolution(NamedTuple):
@@ -51,8 +51,8 @@ def first_order_response(
     diffusivity: Array,
     *,
     substeps: int,
-) -> Float[Array, "time sensor"]:
-    """The derivative of the readings of a linear wall by a change of its terms, K per unit of the change.
+) -> Float[Array, "time reading"]:
+    """The derivative of the readings of a linear wall by a change of its terms, K (W/m2 of a plate) per unit.
 
     Args:
         base: the solution of the linear wall.
@@ -86,7 +86,7 @@ def first_order_response(
         weights = wall.state_to_readings @ system.to_nodes
         q, q_rate = inputs_at_rows(wall.inputs, forcing.step)
         value = modes @ weights.T + q[:, :2] @ wall.faces_to_readings.T
-        return apply_sensor_effects(
+        return apply_instrument_effects(
             some, forcing, value, modes_rate @ weights.T + q_rate[:, :2] @ wall.faces_to_readings.T
         )
 

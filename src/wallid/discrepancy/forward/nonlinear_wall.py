@@ -50,23 +50,14 @@ class NonlinearWall(eqx.Module):
         return value, slope / self.step
 
     def diffusivity_factor(self, t: Array) -> Array:
-        """`s(t) = (1 + drift t) prod(1 + jump exp(-(t - time)/time_constant))`, the factor of alpha."""
-        factor = 1.0 + self.drift * t / DAY
-        for event in self.wettings:
-            elapsed = t - event.time
-            onset = jnp.clip(
-                0.5 + elapsed / _ONSET, 0.0, 1.0
-            )  # gradual, so that the response is differentiable by its time
-            decay = jnp.exp(-jnp.maximum(elapsed, 0.0) / event.time_constant)
-            factor = factor * (1.0 + event.jump * onset * decay)
-        return jnp.maximum(factor, MIN_FACTOR)
+        """The factor s(t) of alpha."""
+        return diffusivity_factor(self.drift, self.wettings, t)
 
     def material_factors(self, T: Array, q: Array) -> tuple[Array, Array]:
         """The factors kappa of each cell and gamma of each node at these temperatures."""
         all_nodes = jnp.concatenate([q[:1], T, q[1:2]])
         middle = 0.5 * (all_nodes[1:] + all_nodes[:-1]) - self.heat.reference
-        conductivity = 1.0 + self.conductivity_slope * middle
-        return jnp.maximum(conductivity, MIN_FACTOR), self.heat.capacity(T)
+        return conductivity_factor(self.conductivity_slope, middle), self.heat.capacity(T)
 
     def coefficients(self, factor: Array, T: Array, q: Array) -> tuple[Array, Array, Array]:
         """`lower, diagonal, upper` of the rate at these temperatures, with the factor s(t) of the diffusivity."""
@@ -80,12 +71,35 @@ class NonlinearWall(eqx.Module):
         return temperature_rate(self.wall, self.coefficients(self.diffusivity_factor(t), T, q), T, q)
 
     def sensor_temperatures(self, t: Array, T: Array) -> tuple[Array, Array]:
-        """Temperature (degC) and its rate (K/s) at the sensors."""
+        """Temperature (degC) and its rate (K/s) at the sensors, and the same of the fluxes at plates (K/m)."""
         q, q_rate = self.inputs(t)
         node_rate = self(t, T, None)
         return self.wall.state_to_readings @ T + self.wall.faces_to_readings @ q[
             :2
         ], self.wall.state_to_readings @ node_rate + self.wall.faces_to_readings @ q_rate[:2]
+
+
+def diffusivity_factor(drift: Array, wettings: tuple[Wetting, ...], t: Array) -> Array:
+    """`s(t) = (1 + drift t) prod(1 + jump exp(-(t - time)/time_constant))`, the factor of alpha.
+
+    Args:
+        drift: 1/day.
+        wettings: jumps of s(t).
+        t: times since the first row, s.
+    """
+    factor = 1.0 + drift * t / DAY
+    for event in wettings:
+        elapsed = t - event.time
+        # gradual, so that the response is differentiable by its time
+        onset = jnp.clip(0.5 + elapsed / _ONSET, 0.0, 1.0)
+        decay = jnp.exp(-jnp.maximum(elapsed, 0.0) / event.time_constant)
+        factor = factor * (1.0 + event.jump * onset * decay)
+    return jnp.maximum(factor, MIN_FACTOR)
+
+
+def conductivity_factor(slope: Array, temperature: Array) -> Array:
+    """`kappa = 1 + slope (T - T0)` at some temperatures T - T0, K; slope in 1/K."""
+    return jnp.maximum(1.0 + slope * temperature, MIN_FACTOR)
 
 
 def build_nonlinear_wall(wall: Cells, terms: Terms, forcing: ForcingData, diffusivity: Array) -> NonlinearWall:

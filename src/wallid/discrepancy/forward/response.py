@@ -1,4 +1,4 @@
-"""The readings of the inner sensors of a wall with effects, and their response to the faces."""
+"""The readings of the instruments in a wall with effects, and their response to the faces."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ..effects.equation_terms import ForcingData, Terms
 from .cells import build_cells, initial_state
 from .linear_wall import simulate_linear_wall
-from .sensor_readings import apply_sensor_effects
+from .sensor_readings import apply_instrument_effects
 from .time_stepping import simulate_nonlinear_wall
 
 
@@ -22,8 +22,8 @@ def simulate_readings(
     *,
     linear: bool,
     substeps: int = 1,
-) -> Float[Array, "time sensor"]:
-    """The readings of the inner sensors of a wall with effects, degC.
+) -> Float[Array, "time reading"]:
+    """The readings of the inner sensors, degC, and the plates, W/m2, of a wall with effects.
 
     Args:
         terms: the terms that effects change.
@@ -39,13 +39,13 @@ def simulate_readings(
         value, rate = simulate_linear_wall(wall, forcing, diffusivity, initial)
     else:
         value, rate = simulate_nonlinear_wall(wall, terms, forcing, diffusivity, initial, substeps=substeps)
-    return apply_sensor_effects(terms, forcing, value, rate)
+    return apply_instrument_effects(terms, forcing, value, rate)
 
 
 def face_response(
     terms: Terms, faces: Float[Array, "interval power face"], forcing: ForcingData, diffusivity: Array
-) -> Float[Array, "time sensor"]:
-    """The change of the readings of a linear wall by a change of its face temperatures, K.
+) -> Float[Array, "time reading"]:
+    """The change of the readings of a linear wall by a change of its face temperatures, K (W/m2 of a plate).
 
     Args:
         terms: the terms that effects change.
@@ -58,4 +58,4 @@ def face_response(
     zeros = jnp.zeros(wall.capacity.shape)
     response = simulate_linear_wall(eqx.tree_at(lambda w: w.inputs, wall, inputs), forcing, diffusivity, zeros)
     zero = tuple(jnp.zeros_like(part) for part in response)
-    return jax.jvp(lambda *temperatures: apply_sensor_effects(terms, forcing, *temperatures), zero, response)[1]
+    return jax.jvp(lambda *temperatures: apply_instrument_effects(terms, forcing, *temperatures), zero, response)[1]

@@ -1,4 +1,4 @@
-"""The readings of sensors and logger from the temperatures at the sensors: clock, lag, gain, offset, drift."""
+"""The readings of sensors, plates and logger from the temperatures and fluxes: clock, lag, gain, offset, drift."""
 
 from __future__ import annotations
 
@@ -11,6 +11,51 @@ from jaxtyping import Array, Float
 from ..._internal.units import DAY
 from ...models.exponential_solver import phi_functions
 from ..effects.equation_terms import ForcingData, Terms
+from .cells import inputs_at_rows
+from .nonlinear_wall import conductivity_factor, diffusivity_factor
+
+
+def apply_instrument_effects(
+    terms: Terms, forcing: ForcingData, value: Float[Array, "time reading"], rate: Float[Array, "time reading"]
+) -> Float[Array, "time reading"]:
+    """The readings of the inner sensors, degC, and of the plates, W/m2.
+
+    Args:
+        terms: with the terms of the instruments.
+        forcing: with the step, T0 and the plates.
+        value: temperatures at the sensors, degC, then fluxes at the plates over the conductivity, K/m.
+        rate: their time derivatives, per s.
+    """
+    sensors = forcing.sensor_positions.shape[0]
+    temperatures = apply_sensor_effects(terms, forcing, value[:, :sensors], rate[:, :sensors])
+    fluxes = apply_plate_effects(terms, forcing, value[:, sensors:], rate[:, sensors:])
+    return jnp.concatenate([temperatures, fluxes], axis=1)
+
+
+def apply_plate_effects(
+    terms: Terms, forcing: ForcingData, value: Float[Array, "time plate"], rate: Float[Array, "time plate"]
+) -> Float[Array, "time plate"]:
+    """The readings of the plates, W/m2, `(time, plate)`.
+
+    With the flux `q = k s(t) kappa(T_face) value`, and y the lagged one (`lag y' + y = q`)::
+
+        reading = (1 + gain) y + offset
+
+    Args:
+        terms: with the conductivity k and the terms of the plates.
+        forcing: with the step, T0 and the plates.
+        value: fluxes over the conductivity, K/m, positive along +x.
+        rate: their time derivatives, K/m/s.
+    """
+    plates = jnp.array(forcing.plates, dtype=int)
+    if not forcing.plates:
+        return value
+    faces = inputs_at_rows(terms.faces, forcing.step)[0][:, plates] - forcing.reference
+    t = jnp.arange(value.shape[0]) * forcing.step
+    factor = conductivity_factor(terms.conductivity_slope, faces)
+    factor = terms.conductivity * factor * diffusivity_factor(terms.drift, terms.wettings, t)[:, None]
+    y = _lagged(factor * value, factor * rate, terms.plate_lag[plates], forcing.step)
+    return (1.0 + terms.plate_gain[plates]) * y + terms.plate_offset[plates]
 
 
 def apply_sensor_effects(

@@ -27,8 +27,8 @@ def simulate_nonlinear_wall(
     substeps: int,
     solver: diffrax.AbstractSolver | None = None,
     controller: diffrax.AbstractAdaptiveStepSizeController | None = None,
-) -> tuple[Float[Array, "time sensor"], Float[Array, "time sensor"]]:
-    """Temperature (degC) and its rate (K/s) at the sensors of a nonlinear wall, `(time, sensor)` each.
+) -> tuple[Float[Array, "time reading"], Float[Array, "time reading"]]:
+    """Temperature (degC) and its rate (K/s) at the sensors of a nonlinear wall, then of the fluxes at plates (K/m).
 
     Args:
         wall: the cells.
