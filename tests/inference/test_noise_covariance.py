@@ -90,7 +90,8 @@ def test_the_covariance_is_that_of_its_definition(hourly):
     want = dense(model, *sizes)
     assert_allclose(found.covariance, want, rtol=0, atol=1e-12 * want.max())
     assert_allclose(found.whitening @ want @ found.whitening.T, np.eye(len(want)), rtol=0, atol=1e-9)
-    assert_allclose(np.sqrt(np.mean(found.rms_of_outputs**2)), np.sqrt(np.diag(want).mean()), rtol=0.02), "but for the first rows"
+    rms = np.sqrt(np.mean(found.rms_of_outputs**2))
+    assert_allclose(rms, np.sqrt(np.diag(want).mean()), rtol=0.02, err_msg="but for the first rows")
 
 
 def test_the_covariance_is_that_of_drawn_noise(hourly):

@@ -255,7 +255,7 @@ def test_every_figure_is_drawn_with_units_on_its_axes(request, tmp_path, found, 
     [
         lambda ax, found: plot.waterfall(found, ax=ax),
         lambda ax, found: plot.ranked_gains(found, ax=ax),
-        lambda ax, found: plot.week_temperatures(found, 0, ax=ax),
+        lambda ax, found: plot.week_readings(found, 0, ax=ax),
         lambda ax, found: plot.week_residuals(found, 0, ax=ax),
         lambda ax, found: plot.hourly_residual(found.before, found.residual_tests_before.by_hour, "by hour", ax=ax),
         lambda ax, found: plot.cumulative_periodogram(found.before, "periodogram", ax=ax),
@@ -340,7 +340,7 @@ def test_where_nothing_was_added_there_is_one_model(adequate):
     _, axes = plot.figure(1, 3)
     plot.waterfall(adequate, ax=axes[0])
     assert len(axes[0].patches) == 1
-    plot.week_temperatures(adequate, 0, ax=axes[1])
+    plot.week_readings(adequate, 0, ax=axes[1])
     assert [line.get_label() for line in axes[1].lines] == ["measured", "plain model"]
     plot.week_residuals(adequate, 0, ax=axes[2])
     assert len(axes[2].lines) == 2  # and the zero

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from .._internal.html import html_table, html_text
+from .._internal.html import html_table, html_text, interval_row
 from .._internal.result_object import ResultObject, plain_value
-from ..inference.quantity import Quantity
 from .findings import Findings
 from .result_entries import diagnosis_entries
 from .summary import diagnosis_summary, verdict_sentence
@@ -36,12 +35,6 @@ class Diagnosis(Findings, ResultObject):
 
     __str__ = summary
 
-    @property
-    def quantities(self) -> dict[str, Quantity]:
-        """The diffusivity, with the named effects in the model."""
-        value = self.final.diffusivity
-        return {"diffusivity": Quantity(value, value * self.final.log_std, self.interval_95, "m2/s")}
-
     def to_frame(self) -> DataFrame:
         """Every effect of the library against the plain model, the largest expected gain first.
 
@@ -68,8 +61,7 @@ class Diagnosis(Findings, ResultObject):
         return pd.DataFrame(rows, index=index).astype({"gain": float})
 
     def _repr_html_(self) -> str:
-        low, high = self.interval_95
-        rows = [("diffusivity", f"{self.final.diffusivity:.4g}", f"95 %: {low:.4g} to {high:.4g}", "m2/s")]
+        rows = [interval_row(name.replace("_", " "), one) for name, one in self.quantities.items()]
         for named in self.effects:
             size = named.effect_parameters.effect.parameters[0]
             value, std = named.values[size.name]

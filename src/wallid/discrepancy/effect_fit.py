@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from jaxtyping import Array
 
-from ..inference.likelihood import LOG_DIFFUSIVITY
+from ..inference.likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY
 from ..inference.noise_covariance import NoiseCovariance
 from ..inference.parameters import Parameters
 from ..inference.physical_bounds import clip_to_physical, limited_log_std
@@ -69,6 +69,12 @@ class EffectFit:
     def diffusivity(self) -> float:
         """Diffusivity alpha, m2/s."""
         return float(np.exp(float(self.problem.model.log_prior) + float(self.parameters[LOG_DIFFUSIVITY])))
+
+    @property
+    def conductivity(self) -> float:
+        """Effective conductivity of the wall, W/m/K; 1 without a plate."""
+        parameters, reference = self.parameters, float(self.problem.model.reference_conductivity)
+        return reference * float(np.exp(parameters[LOG_CONDUCTIVITY])) if LOG_CONDUCTIVITY in parameters else reference
 
     @property
     def log_std(self) -> float:

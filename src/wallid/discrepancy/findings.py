@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..case.mixups import Mixup
+from ..estimation.heat_flux import transmittance
 from ..estimation.unknown_heat import UnknownHeat
 from ..inference.physical_bounds import clip_to_physical
+from ..inference.quantity import Quantity
 from .acceptance import FIRST_EFFECT_LEVEL, RESIDUAL_TEST_LEVEL, reason_for_refusal
 from .cross_validation import Gap
 from .effect_fit import EffectFit
@@ -18,6 +20,7 @@ from .next_measurement.actions import Prescription
 from .problem import DiagnosisProblem, EffectParameters
 from .residual_tests import ResidualTests
 from .score_test import CandidateScores
+from .wall_properties import DIFFUSIVITY, RESISTANCE, WallProperty, wall_properties
 
 _SIMILAR_COSINE = 0.95  # from this cosine of two derivatives on, two effects count as similar
 _HELD_OUT_VARIANCE_RATIO = 2.0  # largest mean square on the days held out over the noise variance
@@ -160,22 +163,39 @@ class Findings:
 
     @cached_property
     def interval_95(self) -> tuple[float, float]:
-        """95 % interval of the diffusivity, m2/s: spans all alternatives, wider where a model error remains."""
-        low, high = self.final.interval_95
+        """95 % interval of the diffusivity, m2/s; see `interval_of`."""
+        return self.interval_of(DIFFUSIVITY)
+
+    def interval_of(self, one: WallProperty) -> tuple[float, float]:
+        """95 % interval of a property of the wall: spans all alternatives, wider where a model error remains."""
+        low, high = one.of(self.final).interval_95
         rivals = [fit for fit in self.rivals if any(effect in fit.active for effect in self._alternatives)]
-        ends = [low, high, *(end for fit in rivals for end in fit.interval_95)]
+        ends = [low, high, *(end for fit in rivals for end in one.of(fit).interval_95)]
         low, high = min(ends), max(ends)
         if self.incomplete:
-            rejected = [end for trial in self._rejected for end in trial.fit.interval_95]
+            rejected = [end for trial in self._rejected for end in one.of(trial.fit).interval_95]
             low, high = min([low, *rejected]), max([high, *rejected])
             # as if the remaining model error were noise of that size
             tests, gap = self.residual_tests_after, self.gap
             error = max(gap.after, gap.held_out_after or 0.0)
             factor = max(1.0, error / gap.noise_floor, np.sqrt(tests.statistic / tests.degrees_of_freedom))
-            centre = self.final.diffusivity
+            centre, plain = one.value(self.final), one.value(self.plain)
             low, high = centre * (low / centre) ** factor, centre * (high / centre) ** factor
-            low, high = min(low, self.plain.diffusivity), max(high, self.plain.diffusivity)
-        return clip_to_physical(float(low), float(high), "m2/s")
+            low, high = min(low, plain), max(high, plain)
+        return clip_to_physical(float(low), float(high), one.unit)
+
+    @cached_property
+    def quantities(self) -> dict[str, Quantity]:
+        """The properties of the wall with the named effects in the model, by their names in result.json.
+
+        With plates the transmittance follows from the resistance, with the standard surface resistances of ISO 6946.
+        """
+        found = {}
+        for one in wall_properties(self.final):
+            found[one.name] = replace(one.of(self.final), interval_95=self.interval_of(one))
+        if RESISTANCE.name in found:
+            found["transmittance"] = transmittance(found[RESISTANCE.name])
+        return found
 
     @property
     def _alternatives(self) -> list[EffectParameters]:

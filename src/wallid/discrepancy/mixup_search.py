@@ -372,9 +372,7 @@ def _other_clock(record: Record, target: str, hours: int, row: int) -> _ClockCor
     since = "" if row == 0 else f" from {record.stamp(row)} on"
     whose = f"the clock of {target} is" if target else "the clock of every inner sensor is"
     words = f"{whose} {late}{since}: correct its times"
-    return _ClockCorrection(
-        Mixup("clock", (target,) if target else record.names, words), corrected, target, hours, row
-    )
+    return _ClockCorrection(Mixup("clock", (target,) if target else record.names, words), corrected, target, hours, row)
 
 
 def _plates(record: Record) -> list[str]:

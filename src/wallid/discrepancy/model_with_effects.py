@@ -54,7 +54,7 @@ class ModelWithEffects(eqx.Module):
     sensors: tuple[str, ...] = eqx.field(static=True)
     substeps: int = eqx.field(static=True)
 
-    def predict(self, parameters: Parameters, *, linear: bool) -> Float[Array, "time reading"]:
+    def predict(self, parameters: Parameters, *, linear: bool) -> Float[Array, "time instrument"]:
         """The readings of the sensors, degC, and plates, W/m2; `linear` leaves out the nonlinear effects."""
         terms, profile = self.terms(parameters, linear=linear), self.profile(parameters)
         diffusivity = self.diffusivity(parameters)
@@ -71,7 +71,7 @@ class ModelWithEffects(eqx.Module):
 
     def first_order_response(
         self, base: BaseSolution, parameters: Parameters, direction: Float[Array, " param"]
-    ) -> Float[Array, "time reading"]:
+    ) -> Float[Array, "time instrument"]:
         """The derivative of the readings by the size of an effect at its neutral value, K (W/m2 of a plate) per unit.
 
         Args:
@@ -166,13 +166,13 @@ def _first_order(
 
 
 @eqx.filter_jit
-def predict(model: ModelWithEffects, parameters: Parameters, linear: bool) -> Float[Array, "time reading"]:
+def predict(model: ModelWithEffects, parameters: Parameters, linear: bool) -> Float[Array, "time instrument"]:
     """The readings of the sensors, degC, and plates, W/m2; `linear` leaves out the nonlinear effects."""
     return model.predict(parameters, linear=linear)
 
 
 def face_impulse_response(model: ModelWithEffects, parameters: Parameters) -> np.ndarray:
-    """The response of the readings to an error of 1 K in one reading of one face, `(face, row, reading)`.
+    """The response of the readings to an error of 1 K in one reading of one face, `(face, row, instrument)`.
 
     Between rows the error is linear. Effects at the faces (such as a lag) apply to it.
     """
@@ -180,7 +180,7 @@ def face_impulse_response(model: ModelWithEffects, parameters: Parameters) -> np
 
 
 @eqx.filter_jit
-def _impulses(model: ModelWithEffects, parameters: Parameters) -> Float[Array, "face time reading"]:
+def _impulses(model: ModelWithEffects, parameters: Parameters) -> Float[Array, "face time instrument"]:
     forcing = model.forcing
     zeros = jnp.zeros_like(forcing.faces)
 
@@ -251,7 +251,7 @@ def _unit_vectors(parameters: Parameters, names: Sequence[str]) -> np.ndarray:
 
 def _function_of_values(
     model: ModelWithEffects, parameters: Parameters, *, linear: bool
-) -> Callable[[Float[Array, " param"]], Float[Array, "time reading"]]:
+) -> Callable[[Float[Array, " param"]], Float[Array, "time instrument"]]:
     """The prediction as a function of the values of all parameters, to differentiate it."""
     return lambda values: model.predict(parameters.with_values(values), linear=linear)
 
@@ -259,7 +259,7 @@ def _function_of_values(
 @eqx.filter_jit
 def _linearise(
     model: ModelWithEffects, bins: BinnedReadings, parameters: Parameters, directions: Float[Array, "chunk two param"]
-) -> tuple[Float[Array, "time reading"], Float[Array, "direction reading"]]:
+) -> tuple[Float[Array, "time instrument"], Float[Array, "direction reading"]]:
     value, along = jax.linearize(_function_of_values(model, parameters, linear=True), parameters.values)
 
     def slopes(some: Array) -> Array:
@@ -275,7 +275,7 @@ def _linearise(
 @eqx.filter_jit
 def _linearise_nonlinear(
     model: ModelWithEffects, bins: BinnedReadings, parameters: Parameters, directions: Float[Array, "direction param"]
-) -> tuple[Float[Array, "time reading"], Float[Array, "direction reading"]]:
+) -> tuple[Float[Array, "time instrument"], Float[Array, "direction reading"]]:
     def directional(direction: Array) -> tuple[Array, Array]:
         predict_at = _function_of_values(model, parameters, linear=False)
         value, slope = jax.jvp(predict_at, (parameters.values,), (direction,))

@@ -2,8 +2,8 @@
 
 The readings are those of the inner sensors and of the heat flux plates. The parameters are ln(alpha / prior), the
 nuisance parameters with their priors (amplitudes of the initial profile, position errors and offsets of the sensors;
-with plates the conductivity and their calibrations) and the parameters of every effect of the library. A model contains an
-effect where the parameters of the effect are estimated; otherwise they keep their neutral values.
+with plates the conductivity and their calibrations) and the parameters of every effect of the library. A model
+contains an effect where the parameters of the effect are estimated; otherwise they keep their neutral values.
 """
 
 from __future__ import annotations
@@ -137,6 +137,11 @@ class DiagnosisProblem:
         return "K" if self.sensor_count else "W/m2"
 
     @property
+    def units(self) -> tuple[str, ...]:
+        """The unit of each instrument's residual."""
+        return ("K",) * self.sensor_count + ("W/m2",) * (self.instrument_count - self.sensor_count)
+
+    @property
     def noise_stds(self) -> np.ndarray:
         """Stated standard deviation of each instrument's readings, K or W/m2."""
         plates = self.instrument_count - self.sensor_count
@@ -231,8 +236,8 @@ def diagnosis_problem(case: Case) -> DiagnosisProblem:
     require_x64()
     if not case.sensors and not fluxes_of(case):
         raise InputError(
-            f"{case.path}: no [[sensor]] and no flux in [record]: a diagnosis needs a temperature inside the wall, or a "
-            "heat flux plate on a face"
+            f"{case.path}: no [[sensor]], and no flux in [record]: a diagnosis needs a temperature inside the wall or "
+            "a heat flux plate on a face; add one"
         )
     window = diagnosis_window(case)
     record = case.record.window(window.row, window.rows)
@@ -242,7 +247,7 @@ def diagnosis_problem(case: Case) -> DiagnosisProblem:
         instruments = [name for name, some in (("inner sensor", case.sensors), ("plate", fluxes_of(case))) if some]
         raise InputError(f"{case.record.file}: no {' and no '.join(instruments)} has a reading in the rows used")
     positions = tuple(sensor.position for sensor in case.sensors)
-    plates = tuple(output.position for output in plate_outputs(case))
+    plates = tuple(float(output.position) for output in plate_outputs(case))
     search_range = search_range_of_record(record, positions, case.wall.length, plates)
     effects = library(len(case.sensors), record.regressors)
     model = ModelWithEffects(

@@ -79,9 +79,8 @@ def run_residual_tests(fit: EffectFit, allowance: float = 0.0) -> ResidualTests:
     smallest, statistic, freedom = min(tests)
     p_value = -np.expm1(len(tests) * np.log1p(-min(smallest, 1.0 - 1e-16)))
     white = np.sum([basis @ (basis.T @ fit.residual) for basis in bases], axis=0)[: len(fit.noise.whitening)]
-    smooth = (
-        scipy.linalg.solve_triangular(fit.noise.whitening, white, lower=True).reshape(fit.problem.instrument_count, -1).T
-    )
+    smooth = scipy.linalg.solve_triangular(fit.noise.whitening, white, lower=True)
+    smooth = smooth.reshape(fit.problem.instrument_count, -1).T
     return ResidualTests(by_instrument, by_hour, by_day, statistic, freedom, float(p_value), smooth)
 
 

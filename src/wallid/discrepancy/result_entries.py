@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from ..inference.quantity import Quantity
 from ..records.uniform_record import Record
-from .effect_fit import EffectFit
+from .cross_validation import Gap
 from .effect_results import NamedEffect
 from .effects.catalogue import untestable
 from .findings import Findings
+from .wall_properties import DIFFUSIVITY
 
 
 def diagnosis_entries(findings: Findings) -> dict[str, Any]:
@@ -19,10 +19,10 @@ def diagnosis_entries(findings: Findings) -> dict[str, Any]:
     problem = findings.problem
     verdict = findings.verdict
     effects = findings.effects if verdict in ("named", "confusable") else ()
-    gap, before = findings.gap, findings.uncorrected or findings.plain
+    before = findings.uncorrected or findings.plain
     return {
-        "diffusivity": _diffusivity(findings.final, findings.interval_95),
-        "diffusivity_before": _diffusivity(before, before.interval_95),
+        **{name: one.result() for name, one in findings.quantities.items()},
+        "diffusivity_before": DIFFUSIVITY.of(before).result(),
         "verdict": verdict,
         "mixups": [mixup.to_dict() for mixup in findings.mixups],
         "effects": [
@@ -48,14 +48,21 @@ def diagnosis_entries(findings: Findings) -> dict[str, Any]:
         ],
         "unknown_heat": None if findings.unknown_heat is None else findings.unknown_heat.to_dict(),
         "next": [one.to_dict(lambda effect: problem.target_name(effect.effect)) for one in findings.prescriptions],
-        "gap": {
-            "before_K": gap.before,
-            "after_K": gap.after,
-            "floor_K": gap.noise_floor,
-            "held_out_before_K": gap.held_out_before,
-            "held_out_after_K": gap.held_out_after,
-        },
+        **_gap(findings.gap),
     }
+
+
+def _gap(gap: Gap) -> dict[str, Any]:
+    """The entry `gap` of inner sensors; without one it is None, and `flux_gap` is that of the plates."""
+    unit = gap.unit.replace("/", "_per_")
+    entries = {
+        f"before_{unit}": gap.before,
+        f"after_{unit}": gap.after,
+        f"floor_{unit}": gap.noise_floor,
+        f"held_out_before_{unit}": gap.held_out_before,
+        f"held_out_after_{unit}": gap.held_out_after,
+    }
+    return {"gap": entries} if gap.unit == "K" else {"gap": None, "flux_gap": entries}
 
 
 def evidence_entries(findings: Findings) -> dict[str, Any]:
@@ -93,10 +100,6 @@ def evidence_entries(findings: Findings) -> dict[str, Any]:
             label: {"value": size, "unit": units[label]} for label, size in findings.smallest_detectable().items()
         }
     return entries
-
-
-def _diffusivity(fit: EffectFit, interval: tuple[float, float]) -> dict[str, Any]:
-    return Quantity(fit.diffusivity, fit.diffusivity * fit.log_std, interval, "m2/s").result()
 
 
 def _parameters(named: NamedEffect, record: Record) -> dict[str, Any]:

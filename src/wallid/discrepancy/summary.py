@@ -6,13 +6,16 @@ import numpy as np
 
 from .._internal.number_formats import p_value_text, value_and_std
 from ..estimation.materials import implausible
+from ..inference.quantity import Quantity
 from .effect_results import NamedEffect
 from .effects.catalogue import untestable
 from .findings import Findings
 from .problem import DiagnosisProblem, EffectParameters
+from .wall_properties import RESISTANCE
 
 _TABLE_ROWS = 8
 _WIDE_INTERVAL = 1.5  # upper over lower end, from which an interval says little
+_WITH_PLATES = {"resistance": "resistance", "transmittance": "U-value", "areal_heat_capacity": "capacity"}
 _COMMON_EFFECTS = (  # name, factor to the unit of the text, text
     ("solar_gain", 1.0, "a solar gain of {:g} K m2/W"),
     ("sensor_position", 1e3, "a sensor misplaced by {:g} mm"),
@@ -36,25 +39,23 @@ def _sentence(findings: Findings) -> str:
         slip = implausible(final.diffusivity, problem.case.wall.diffusivity_prior)
         slip = f" {slip[:1].upper()}{slip[1:]}." if slip else ""
         return f"This record does not determine the diffusivity: {findings.uninformative}.{missing}{slip}"
+    noise = f"noise alone gives {gap.noise_floor:.3g} {gap.unit}"
+    residual = f"{_values(findings)} and the rms residual {gap.after:.3g} {gap.unit}, where {noise}."
     if verdict == "adequate":
-        text = (
-            f"This record shows no missing effect: the diffusivity is {final.diffusivity:.4g} m2/s and the rms "
-            f"residual {gap.after:.3g} {gap.unit}, where noise alone gives {gap.noise_floor:.3g} {gap.unit}."
-        )
+        text = f"This record shows no missing effect: {residual}"
         return text + _would_have_been_seen(findings) + _rejected(findings)
     if verdict == "unnamed":
         rms, floors = findings.residual_tests_after.by_instrument, findings.after.noise.rms_of_outputs
         ratios = {name: rms[name] / floor for name, floor in zip(rms, floors, strict=True) if np.isfinite(floor)}
+        resistance = findings.quantities.get("resistance")
+        of_resistance = "" if resistance is None else f", the resistance {_range(resistance)}"
         return (
-            f"An effect is missing that is none of the known effects: the rms residual is {gap.after:.3g} {gap.unit}, where "
-            f"noise alone gives {gap.noise_floor:.3g} {gap.unit}, largest at {max(ratios, key=ratios.__getitem__)}; "
-            f"{findings.incomplete}. The diffusivity lies between {low:.4g} and {high:.4g} m2/s."
+            f"An effect is missing that is none of the known effects: the rms residual is {gap.after:.3g} {gap.unit}, "
+            f"where {noise}, largest at {max(ratios, key=ratios.__getitem__)}; {findings.incomplete}. The diffusivity "
+            f"lies between {low:.4g} and {high:.4g} m2/s{of_resistance}."
         )
     if findings.mixups and not findings.effects:
-        return (
-            f"With that corrected, the record shows no missing effect: the diffusivity is {final.diffusivity:.4g} m2/s "
-            f"and the rms residual {gap.after:.3g} {gap.unit}, where noise alone gives {gap.noise_floor:.3g} {gap.unit}."
-        )
+        return f"With that corrected, the record shows no missing effect: {residual}"
     named = " and ".join(_label_with_size(effect, problem) for effect in findings.effects)
     verb, pronoun = ("is", "it") if len(findings.effects) == 1 else ("are", "them")
     held_out = (
@@ -63,13 +64,28 @@ def _sentence(findings: Findings) -> str:
         else f", and the rms residual on days that the fit did not use from {gap.held_out_before:.3g} to "
         f"{gap.held_out_after:.3g} {gap.unit}"
     )
+    resistance = ""
+    if "resistance" in findings.quantities:
+        resistance = f", the resistance from {RESISTANCE.value(plain):.3g} to {findings.quantities['resistance']}"
     text = (
         f"{named[:1].upper()}{named[1:]} {verb} missing; with {pronoun} the diffusivity goes from "
-        f"{plain.diffusivity:.4g} to {final.diffusivity:.4g} m2/s{held_out}; noise alone gives {gap.noise_floor:.3g} {gap.unit}."
+        f"{plain.diffusivity:.4g} to {final.diffusivity:.4g} m2/s{resistance}{held_out}; {noise}."
     )
     if verdict == "confusable":
         text += " " + " ".join(_ambiguity(effect, problem) for effect in findings.effects if effect.alternatives)
     return text
+
+
+def _values(findings: Findings) -> str:
+    """The diffusivity, with plates the resistance too, as the beginning of a sentence."""
+    resistance = findings.quantities.get("resistance")
+    text = f"the diffusivity is {findings.final.diffusivity:.4g} m2/s"
+    return text if resistance is None else f"{text}, the resistance {resistance}"
+
+
+def _range(quantity: Quantity) -> str:
+    low, high = quantity.interval_95
+    return f"between {low:.3g} and {high:.3g} {quantity.unit}"
 
 
 def _would_have_been_seen(findings: Findings) -> str:
@@ -114,11 +130,12 @@ def _ambiguity(named: NamedEffect, problem: DiagnosisProblem) -> str:
 def diagnosis_summary(findings: Findings) -> str:
     """The verdict, the sizes of the named effects and the ranked table, as text for a terminal."""
     problem, tests = findings.problem, (findings.residual_tests_before, findings.residual_tests_after)
-    low, high = findings.interval_95
+    (low, high), quantities = findings.interval_95, findings.quantities
     lines = [
         f"verdict      {findings.verdict}: {verdict_sentence(findings)}",
         f"diffusivity  {findings.final.diffusivity:.4g} m2/s   (95 %: {low:.4g} to {high:.4g}); "
         f"plain model {findings.plain.diffusivity:.4g}",
+        *(f"{label:<12} {quantities[name]}" for name, label in _WITH_PLATES.items() if name in quantities),
         f"readings     {problem.record.rows} rows, {findings.after.noise}",
         f"residual     omnibus test {p_value_text(tests[0].p_value)} before, {p_value_text(tests[1].p_value)} after",
     ]

@@ -256,8 +256,6 @@ def _derived_properties(
 ) -> ThermalProperties:
     """The properties that follow from the primary ones, and the average method over a window."""
     length, c, resistance = case.wall.length, primary["heat_capacity"], primary["resistance"]
-    low, high = (1.0 / (R + R_SURFACES) for R in resistance.interval_95[::-1])
-    U = 1.0 / (resistance.value + R_SURFACES)
     areal = Quantity(length * c.value, length * c.std, (length * c.interval_95[0], length * c.interval_95[1]), "J/m2/K")
     part = case.record.window(window.row, window.rows)
     return ThermalProperties(
@@ -265,7 +263,7 @@ def _derived_properties(
         heat_capacity=c,
         resistance=resistance,
         areal_heat_capacity=areal,
-        transmittance=Quantity(U, U**2 * resistance.std, (low, high), "W/m2/K"),
+        transmittance=transmittance(resistance),
         contact_resistances={target_of(name): one for name, one in primary.items() if kind_of(name) == "contact"},
         plate_gains=gains,
         average_methods=tuple(
@@ -274,6 +272,13 @@ def _derived_properties(
         held_out=held_out,
         gains_assumed=case.record.flux_gain_std is None,
     )
+
+
+def transmittance(resistance: Quantity) -> Quantity:
+    """The U-value, W/m2/K, of a resistance from face to face, with the surface resistances of ISO 6946."""
+    low, high = (1.0 / (end + R_SURFACES) for end in resistance.interval_95[::-1])
+    value = 1.0 / (resistance.value + R_SURFACES)
+    return Quantity(value, value**2 * resistance.std, (low, high), "W/m2/K")
 
 
 def _second_half_prediction(case: Case, window: Window, fit: GLSFit) -> HeldOutFlux | None:

@@ -131,7 +131,8 @@ class NoiseCovariance:
         correlation: of the autocorrelated part, from row to row.
         whitening: W, lower triangular, with `W' W` the inverse covariance of the binned readings.
         covariance: of the binned readings, K2.
-        rms_of_outputs: root mean square at the rows of the noise alone, of each output, in its unit; NaN without a reading.
+        rms_of_outputs: root mean square of the noise alone at the rows of each output, in its unit; NaN without a
+            reading.
         log_power_std: standard deviation of the logarithm of the noise's power at low frequencies.
         degrees_of_freedom: of the estimate of the noise; infinite where the noise is as stated.
         shape_probability, std_ratio: the probability of each other shape of the noise, and a parameter's standard error

@@ -39,8 +39,8 @@ from .missing_effects import (
     ranked_gains,
     size_by_window,
     waterfall,
+    week_readings,
     week_residuals,
-    week_temperatures,
 )
 from .model import error_by_order, flux_sensitivity, sensitivity
 from .next_measurement import action_probabilities, sensor_probability
@@ -51,6 +51,7 @@ from .residuals import (
     cumulative_periodogram,
     hourly_residual,
     residual_map,
+    residual_scale,
     shared_colour_bar,
     smooth_residual,
 )
@@ -107,6 +108,7 @@ __all__ = [
     "residual",
     "residual_density",
     "residual_map",
+    "residual_scale",
     "resistance_forest",
     "sampling_steps",
     "sensitivity",
@@ -120,7 +122,7 @@ __all__ = [
     "style",
     "wall",
     "waterfall",
+    "week_readings",
     "week_residuals",
-    "week_temperatures",
     "window_lengths",
 ]

@@ -17,7 +17,7 @@ from ..discrepancy.problem import EffectParameters
 from ..inference.quantity import NORMAL_95
 from .house_style import BLUE, GREEN, GREY, KEEP_COLOUR, ORANGE, RED, SKY, axes_or_new, text_colour_on
 from .legends import as_drawn, legend_above, legend_below, root_figure, use_constrained_layout
-from .residuals import sensor_names
+from .residuals import instrument_names, shown_residual
 from .time_axis import TimeAxis
 
 _WEEK = 7 * DAY
@@ -29,7 +29,7 @@ _LAYOUT_SHARE = 0.6  # of the height of the Axes that remains when title, labels
 
 def worst_week(fit: EffectFit) -> slice:
     """Rows of the seven days in which the root mean square of the residual is largest."""
-    residual = fit.residual_at_rows
+    residual = shown_residual(fit)
     present = np.isfinite(residual)
     squares = np.where(present, residual, 0.0) ** 2
     rows = min(len(residual), max(2, round(_WEEK / fit.problem.record.step)))
@@ -41,11 +41,11 @@ def worst_week(fit: EffectFit) -> slice:
     return slice(first, first + rows)
 
 
-def week_temperatures(diagnosis: Diagnosis, sensor: int, *, legend: bool = True, ax: Axes | None = None) -> Axes:
-    """Temperatures of a sensor over the worst week of the plain model: measured, plain model, model with effects.
+def week_readings(diagnosis: Diagnosis, instrument: int, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """Readings of a sensor or plate over the worst week of the plain model: measured, plain model, model with effects.
 
     Args:
-        sensor: its index.
+        instrument: its index, the sensors first.
         legend: False where the panel shares the legend of another.
         ax: to draw on; None for a new figure.
 
@@ -56,14 +56,14 @@ def week_temperatures(diagnosis: Diagnosis, sensor: int, *, legend: bool = True,
     week, axis = worst_week(diagnosis.before), TimeAxis(diagnosis.problem.record.start)
     days = axis.at(diagnosis.problem.record.days)
     before, after = diagnosis.before, diagnosis.after
-    ax.plot(days[week], before.problem.record.sensors[week, sensor], ".", ms=3.5, color=GREY, label="measured")
-    ax.plot(days[week], before.predicted[week, sensor], "--", color=ORANGE, label="plain model")
+    ax.plot(days[week], before.problem.readings[week, instrument], ".", ms=3.5, color=GREY, label="measured")
+    ax.plot(days[week], before.predicted[week, instrument], "--", color=ORANGE, label="plain model")
     if after.active:
-        ax.plot(days[week], after.predicted[week, sensor], color=BLUE, label=_model_label(diagnosis))
+        ax.plot(days[week], after.predicted[week, instrument], color=BLUE, label=_model_label(diagnosis))
     axis.apply(ax)
     ax.set(
-        ylabel="temperature (°C)",
-        title=f"{sensor_names(before)[sensor]}: worst week of the plain model",
+        ylabel="temperature (°C)" if instrument < diagnosis.problem.sensor_count else "heat flux (W/m²)",
+        title=f"{instrument_names(before)[instrument]}: worst week of the plain model",
     )
     if legend:
         legend_above(ax)
@@ -71,11 +71,11 @@ def week_temperatures(diagnosis: Diagnosis, sensor: int, *, legend: bool = True,
     return ax
 
 
-def week_residuals(diagnosis: Diagnosis, sensor: int, *, legend: bool = True, ax: Axes | None = None) -> Axes:
-    """Residual of a sensor over the worst week of the plain model, without and with effects.
+def week_residuals(diagnosis: Diagnosis, instrument: int, *, legend: bool = True, ax: Axes | None = None) -> Axes:
+    """Residual of a sensor or plate over the worst week of the plain model, without and with effects.
 
     Args:
-        sensor: its index.
+        instrument: its index, the sensors first.
         legend: False where the panel shares the legend of another.
         ax: to draw on; None for a new figure.
 
@@ -89,13 +89,14 @@ def week_residuals(diagnosis: Diagnosis, sensor: int, *, legend: bool = True, ax
     if diagnosis.after.active:
         shown.append((diagnosis.after, BLUE, ".-", _model_label(diagnosis)))
     for fit, colour, line, label in shown:
-        residual = fit.residual_at_rows[week, sensor]
+        residual = fit.residual_at_rows[week, instrument]
         present = np.isfinite(residual)
         ax.plot(days[week][present], residual[present], line, ms=2.5, lw=0.8, color=colour, label=label)
     ax.axhline(0.0, color=GREY, lw=0.8)
-    name = sensor_names(diagnosis.before)[sensor]
+    name = instrument_names(diagnosis.before)[instrument]
     axis.apply(ax)
-    ax.set(ylabel="residual (K)", title=f"{name}: measured minus simulated")
+    unit = "K" if instrument < diagnosis.problem.sensor_count else "W/m²"
+    ax.set(ylabel=f"residual ({unit})", title=f"{name}: measured minus simulated")
     if legend:
         legend_above(ax)
     use_constrained_layout(ax)
@@ -103,13 +104,13 @@ def week_residuals(diagnosis: Diagnosis, sensor: int, *, legend: bool = True, ax
 
 
 def waterfall_steps(diagnosis: Diagnosis) -> list[tuple[str, float]]:
-    """Root mean square of the residual, K, of the plain model and after each added effect.
+    """Root mean square of the residual, in the unit of the gap, of the plain model and after each added effect.
 
     The effects are added in the order of their gain, the largest first. Where the search has not fitted the model
     with the first of them alone, they are added together.
 
     Returns:
-        Label of what was added, and root mean square, K, for each step.
+        Label of what was added, and root mean square, for each step.
     """
     gap = diagnosis.gap
     steps, added = [("plain model", gap.before)], []
@@ -163,7 +164,9 @@ def waterfall(diagnosis: Diagnosis, *, ax: Axes | None = None) -> Axes:
     for bar, (_, value) in enumerate(steps):  # connects the end of a bar with the next bar
         if bar + 1 < len(bars):
             ax.plot([bar + 0.3, bar + 0.7], [value, value], color=GREY, lw=0.8)
-    ax.axhline(gap.noise_floor, color=RED, ls="--", lw=1.0, label=f"noise alone: {gap.noise_floor:.3g} K")
+    ax.axhline(
+        gap.noise_floor, color=RED, ls="--", lw=1.0, label=f"noise alone: {gap.noise_floor:.3g} {format_unit(gap.unit)}"
+    )
     markers = [(bar + 0.2, value) for bar, value in held_out if value is not None]
     if markers:
         # right of the number above the middle of the bar
@@ -178,7 +181,11 @@ def waterfall(diagnosis: Diagnosis, *, ax: Axes | None = None) -> Axes:
         )
     ax.set_xticks(range(len(bars)), [_wrapped(label) for label, *_ in bars])
     margin = max(0.6, 1.5 - 0.5 * (len(bars) - 1))  # keeps a single bar narrow
-    ax.set(ylabel="residual, root mean square (K)", ylim=(0, top), xlim=(-margin, len(bars) - 1 + margin))
+    ax.set(
+        ylabel=f"residual, root mean square ({format_unit(gap.unit)})",
+        ylim=(0, top),
+        xlim=(-margin, len(bars) - 1 + margin),
+    )
     unexplained = ", not explained by a known effect" if diagnosis.verdict == "unnamed" else ""
     ax.set_title(f"Residual of the models{unexplained}")
     ax.grid(False, axis="x")
@@ -342,7 +349,7 @@ __all__ = [
     "size_by_window",
     "waterfall",
     "waterfall_steps",
+    "week_readings",
     "week_residuals",
-    "week_temperatures",
     "worst_week",
 ]

@@ -11,11 +11,14 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import Colormap
 from matplotlib.ticker import MaxNLocator
 
+from .._internal.number_formats import format_unit
 from .._internal.units import DAY
 from ..discrepancy.diagnosis_result import Diagnosis
 from ..discrepancy.effect_fit import EffectFit
 from ..discrepancy.model_with_effects import face_impulse_response
+from ..discrepancy.problem import DiagnosisProblem
 from ..discrepancy.residual_tests import ResidualTests
+from ..models.flux_plates import face_noise_of_model, fluxes_of
 from .house_style import GREY, axes_or_new, curve_style, line_style, marker_style, sensor_colour
 from .legends import legend_above, legend_below, root_figure, shortened, use_constrained_layout
 from .time_axis import TimeAxis
@@ -24,11 +27,27 @@ _CLIPPED = 98.0  # percentile of the absolute residual at the end of the colour 
 _KOLMOGOROV_95 = 1.358  # 95 % quantile of the Kolmogorov distribution
 
 
+def residual_scale(problem: DiagnosisProblem) -> tuple[np.ndarray, str]:
+    """The factor of each instrument's residual in a figure, and the unit that all then have.
+
+    Sensors and plates together are shown in standard deviations of their stated noise, either alone in its own unit.
+    """
+    count = problem.instrument_count
+    if 0 < problem.sensor_count < count:
+        return 1.0 / problem.noise_stds, "noise std"
+    return np.ones(count), format_unit(problem.unit_of_gap)
+
+
+def shown_residual(fit: EffectFit) -> np.ndarray:
+    """The residual at the rows in the unit of `residual_scale`, `(time, instrument)`."""
+    return fit.residual_at_rows * residual_scale(fit.problem)[0]
+
+
 def residual_map(fit: EffectFit, limit: float, title: str, *, colour_bar: bool = True, ax: Axes | None = None) -> Axes:
-    """The residual by sensor and time, blue where the model is too warm, grey where there is no reading.
+    """The residual by instrument and time, blue where the model is too warm, grey where there is no reading.
 
     Args:
-        limit: end of the colour scale, K; see `colour_limit`.
+        limit: end of the colour scale; see `colour_limit`.
         title: of the panel; the root mean square is added.
         colour_bar: False where several maps share one.
         ax: to draw on; None for a new figure.
@@ -41,18 +60,18 @@ def residual_map(fit: EffectFit, limit: float, title: str, *, colour_bar: bool =
     axis = TimeAxis(fit.problem.record.start)
     days = axis.at(fit.problem.record.days)
     step = fit.problem.record.step / DAY
-    names = sensor_names(fit)
+    names = instrument_names(fit)
     edges = np.append(days, days[-1] + step) - 0.5 * step
     ax.pcolormesh(
-        edges, np.arange(len(names) + 1), fit.residual_at_rows.T, cmap=_residual_colours(), vmin=-limit, vmax=limit
+        edges, np.arange(len(names) + 1), shown_residual(fit).T, cmap=_residual_colours(), vmin=-limit, vmax=limit
     )
     axis.apply(ax)
-    ax.set(title=f"{title}: rms {fit.gap:.3g} K")
+    ax.set(title=f"{title}: rms {fit.gap:.3g} {format_unit(fit.problem.unit_of_gap)}")
     ax.set_yticks(np.arange(len(names)) + 0.5, names)
     ax.invert_yaxis()
     ax.grid(False)
     if colour_bar:
-        shared_colour_bar([ax])
+        shared_colour_bar([ax], residual_scale(fit.problem)[1])
     return ax
 
 
@@ -61,24 +80,25 @@ def _residual_colours() -> Colormap:
     return mpl.colormaps["RdBu_r"].with_extremes(bad="0.7")
 
 
-def shared_colour_bar(axes: Sequence[Axes]) -> None:
-    """Draw the colour bar of one or several `residual_map` panels beside them."""
+def shared_colour_bar(axes: Sequence[Axes], unit: str = "K") -> None:
+    """Draw the colour bar of one or several `residual_map` panels beside them; `unit` is that of `residual_scale`."""
     (mesh,) = (artist for artist in axes[0].collections if isinstance(artist, QuadMesh))
-    root_figure(axes[0]).colorbar(mesh, ax=list(axes), label="measured minus simulated (K)", extend="both", pad=0.01)
+    label = f"measured minus simulated ({unit})"
+    root_figure(axes[0]).colorbar(mesh, ax=list(axes), label=label, extend="both", pad=0.01)
 
 
 def colour_limit(diagnosis: Diagnosis) -> float:
-    """End of the colour scale for the residual maps without and with effects, K."""
-    return float(np.nanpercentile(np.abs(diagnosis.before.residual_at_rows), _CLIPPED))
+    """End of the colour scale for the residual maps without and with effects, in the unit of `residual_scale`."""
+    return float(np.nanpercentile(np.abs(shown_residual(diagnosis.before)), _CLIPPED))
 
 
 def hourly_residual(
     fit: EffectFit, by_hour: np.ndarray, title: str, *, legend: bool = True, ax: Axes | None = None
 ) -> Axes:
-    """The mean residual by sensor and hour of the day.
+    """The mean residual by instrument and hour of the day.
 
     Args:
-        by_hour: mean residual, K, `(hour, sensor)`; NaN where there is no reading.
+        by_hour: mean residual, K (W/m2 of a plate), `(hour, instrument)`; NaN where there is no reading.
         legend: False where the panel shares the legend of another.
         ax: to draw on; None for a new figure.
 
@@ -86,12 +106,13 @@ def hourly_residual(
         The Axes.
     """
     ax = axes_or_new(ax)
-    hours = np.arange(24)
-    for s, name in enumerate(sensor_names(fit)):
+    hours, (scale, unit) = np.arange(24), residual_scale(fit.problem)
+    by_hour = by_hour * scale
+    for s, name in enumerate(instrument_names(fit)):
         present = np.isfinite(by_hour[:, s])
         ax.plot(hours[present] + 0.5, by_hour[present, s], ms=3.5, label=name, **curve_style(s))
     ax.axhline(0.0, color=GREY, lw=0.8)
-    ax.set(xlabel="hour of the day", ylabel="mean residual (K)", xlim=(0, 24), title=title)
+    ax.set(xlabel="hour of the day", ylabel=f"mean residual ({unit})", xlim=(0, 24), title=title)
     ax.set_xticks(range(0, 25, 6))
     if legend:
         legend_above(ax)
@@ -114,16 +135,17 @@ def smooth_residual(fit: EffectFit, tests: ResidualTests, *, ax: Axes | None = N
     record = fit.problem.record
     axis, days_per_bin = TimeAxis(record.start), fit.problem.bins.rows_per_bin * record.step / DAY
     middle = axis.at((np.arange(len(tests.smooth_residual)) + 0.5) * days_per_bin)
-    day_of_row = record.days.astype(int)
-    for s, name in enumerate(sensor_names(fit)):
-        ax.plot(middle, tests.smooth_residual[:, s], lw=1.1, label=name, **line_style(s))
+    day_of_row, (scale, unit) = record.days.astype(int), residual_scale(fit.problem)
+    shown = shown_residual(fit)
+    for s, name in enumerate(instrument_names(fit)):
+        ax.plot(middle, scale[s] * tests.smooth_residual[:, s], lw=1.1, label=name, **line_style(s))
         for day in np.unique(day_of_row):
-            residual = fit.residual_at_rows[day_of_row == day, s]
+            residual = shown[day_of_row == day, s]
             if np.isfinite(residual).any():
                 ax.plot(axis.at(day + 0.5), np.nanmean(residual), ".", ms=5, color=sensor_colour(s))
     ax.axhline(0.0, color=GREY, lw=0.8)
     axis.apply(ax)
-    ax.set(ylabel="smooth residual (K)", title="Unexplained smooth residual (dots: daily means)")
+    ax.set(ylabel=f"smooth residual ({unit})", title="Unexplained smooth residual (dots: daily means)")
     legend_above(ax)
     return ax
 
@@ -150,26 +172,25 @@ def cumulative_power(values: np.ndarray, step: float) -> tuple[np.ndarray, np.nd
 
 
 def expected_cumulative_power(fit: EffectFit) -> np.ndarray:
-    """Share of the variance of the modelled noise below each frequency of `cumulative_power`, by sensor.
+    """Share of the variance of the modelled noise below each frequency of `cumulative_power`, by instrument.
 
-    The power density is `(white + autocorrelated S(omega)) (sensor_std^2 + boundary_std^2 |H(omega)|^2)
-    + V(omega) |H(omega)|^2`. `S` is the spectrum of an AR(1) process, `H` the frequency response of a sensor to the
-    boundary temperatures, and `V` the spectrum of their errors between rows, random and by bending.
+    The power density is `(white + autocorrelated S(omega)) (noise_std^2 + boundary_std^2 |H(omega)|^2)
+    + V(omega) |H(omega)|^2`. `S` is the spectrum of an AR(1) process, `H` the frequency response of an instrument to
+    the boundary temperatures, and `V` the spectrum of their errors between rows, random and by bending.
 
     Returns:
-        Shares, `(frequency, sensor)`.
+        Shares, `(frequency, instrument)`.
     """
     problem, noise = fit.problem, fit.noise
     rows = problem.record.rows
-    sensor_std = np.array([sensor.noise_std for sensor in problem.case.sensors])
+    boundary_std, face_errors = face_noise_of_model(problem.case)
     response = np.fft.rfft(face_impulse_response(problem.model, fit.parameters), axis=1)[:, 1 : (rows + 1) // 2]
     omega = 2 * np.pi * np.arange(1, response.shape[1] + 1) / rows
     rho = noise.correlation
     spectrum = (1 - rho**2) / (1 - 2 * rho * np.cos(omega) + rho**2)
     gain = np.abs(response) ** 2
-    face_variance = problem.record.boundary_noise_std**2 * gain.sum(axis=0)
-    power = (noise.white + noise.autocorrelated * spectrum)[:, None] * (sensor_std**2 + face_variance)
-    face_errors = problem.case.record.face_errors
+    face_variance = boundary_std**2 * gain.sum(axis=0)
+    power = (noise.white + noise.autocorrelated * spectrum)[:, None] * (problem.noise_stds**2 + face_variance)
     errors = face_errors.autocovariance
     between = errors[:, :1] + 2.0 * errors[:, 1:] @ np.cos(np.outer(np.arange(1, errors.shape[1]), omega))
     bendings = face_errors.bendings(problem.record.faces, problem.record.step)
@@ -179,7 +200,7 @@ def expected_cumulative_power(fit: EffectFit) -> np.ndarray:
 
 
 def cumulative_periodogram(fit: EffectFit, title: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:
-    """Normalised cumulative periodogram of the residual by sensor, with the 95 % band of white noise.
+    """Normalised cumulative periodogram of the residual by instrument, with the 95 % band of white noise.
 
     Autocorrelated noise, and noise of the boundary temperatures, also leave the band: the dashed lines are the
     expected periodograms of the fitted noise model.
@@ -196,7 +217,7 @@ def cumulative_periodogram(fit: EffectFit, title: str, *, legend: bool = True, a
     ax = axes_or_new(ax)
     step = fit.problem.record.step
     frequency, expected = np.array([]), expected_cumulative_power(fit)
-    for s, name in enumerate(sensor_names(fit)):
+    for s, name in enumerate(instrument_names(fit)):
         frequency, share = cumulative_power(fit.residual_at_rows[:, s], step)
         spacing = max(1, len(frequency) // 12)
         ax.plot(frequency, share, ms=3.5, markevery=(s * spacing // 4, spacing), label=name, **marker_style(s))
@@ -222,9 +243,10 @@ def cumulative_periodogram(fit: EffectFit, title: str, *, legend: bool = True, a
     return ax
 
 
-def sensor_names(fit: EffectFit) -> list[str]:
-    """Names of the sensors, long ones shortened."""
-    return [shortened(sensor.name) for sensor in fit.problem.case.sensors]
+def instrument_names(fit: EffectFit) -> list[str]:
+    """Names of the sensors, long ones shortened, and of the plates."""
+    plates = [f"{face} plate" for face in fluxes_of(fit.problem.case)]
+    return [*(shortened(sensor.name) for sensor in fit.problem.case.sensors), *plates]
 
 
 __all__ = [
@@ -234,6 +256,7 @@ __all__ = [
     "expected_cumulative_power",
     "hourly_residual",
     "residual_map",
+    "residual_scale",
     "shared_colour_bar",
     "smooth_residual",
 ]

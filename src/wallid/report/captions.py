@@ -138,23 +138,24 @@ def _refused(diagnosis: Diagnosis | None) -> str:
 
 
 def _missing(run: Run, diagnosis: Diagnosis) -> str:
-    first = diagnosis.table[0] if diagnosis.table else None
+    gap, unit, first = diagnosis.gap, diagnosis.gap.unit, diagnosis.table[0] if diagnosis.table else None
     largest = f"; {first.label} alone has the largest expected gain" if first else ""
     return (
-        f"Root mean square of the residual: {diagnosis.gap.before:.2g} K with the plain model, "
-        f"{diagnosis.gap.after:.2g} K with the final model, {diagnosis.gap.noise_floor:.2g} K expected from noise "
+        f"Root mean square of the residual: {gap.before:.2g} {unit} with the plain model, "
+        f"{gap.after:.2g} {unit} with the final model, {gap.noise_floor:.2g} {unit} expected from noise "
         f"alone{largest}.{_refused(diagnosis)}"
     )
 
 
 def _residuals(run: Run, diagnosis: Diagnosis) -> str:
-    before, after = diagnosis.residual_tests_before.by_sensor, diagnosis.residual_tests_after.by_sensor
+    before, after = diagnosis.residual_tests_before.by_instrument, diagnosis.residual_tests_after.by_instrument
+    units = dict(zip(before, diagnosis.problem.units, strict=True))
     if not diagnosis.after.active:
-        sizes = ", ".join(f"{name} {size:.2g} K" for name, size in before.items())
-        return f"Residual by sensor over time and by hour of the day, root mean square: {sizes}."
-    sizes = ", ".join(f"{name} {size:.2g} to {after[name]:.2g} K" for name, size in before.items())
+        sizes = ", ".join(f"{name} {size:.2g} {units[name]}" for name, size in before.items())
+        return f"Residual by instrument over time and by hour of the day, root mean square: {sizes}."
+    sizes = ", ".join(f"{name} {size:.2g} to {after[name]:.2g} {units[name]}" for name, size in before.items())
     return (
-        f"Residual by sensor over time and by hour of the day, root mean square before and after the effects: "
+        f"Residual by instrument over time and by hour of the day, root mean square before and after the effects: "
         f"{sizes}.{_refused(diagnosis)}"
     )
 
@@ -162,7 +163,7 @@ def _residuals(run: Run, diagnosis: Diagnosis) -> str:
 def _residuals_caption(run: Run) -> str:
     models = "of both models" if run.diagnosis is not None and run.diagnosis.after.active else "of the plain model"
     return (
-        f"Residual (measured minus simulated) {models}. Top: by sensor and time; grey cells have no reading. "
+        f"Residual (measured minus simulated) {models}. Top: by instrument and time; grey cells have no reading. "
         "Bottom: mean by hour of the day."
     )
 

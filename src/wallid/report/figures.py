@@ -320,7 +320,7 @@ def _residuals_figure(diagnosis: Diagnosis) -> Figure:
         if column[1] is not axes[1, 0]:
             column[1].sharey(axes[1, 0])
         plot.hourly_residual(fit, tests.by_hour, f"{title}: by hour of the day", legend=False, ax=column[1])
-    plot.shared_colour_bar(list(axes[0]))
+    plot.shared_colour_bar(list(axes[0]), plot.residual_scale(diagnosis.problem)[1])
     shared_legend(figure, axes[1, 0])
     return figure
 
@@ -355,12 +355,16 @@ def _heat_figure(heat: UnknownHeat) -> Figure:
 
 
 def _week_figure(diagnosis: Diagnosis) -> Figure:
-    sensors = min(diagnosis.problem.sensor_count, _MOST_SENSORS)
-    figure, axes = plot.figure(sensors, 2, width=10.0, height=2.2)
-    for s, row in enumerate(np.reshape(axes, (sensors, 2))):
-        plot.week_temperatures(diagnosis, s, legend=False, ax=row[0])
-        if s > 0:
-            row[1].sharey(np.ravel(axes)[1])  # to compare the residuals of the sensors
+    problem = diagnosis.problem
+    sensors = min(problem.sensor_count, _MOST_SENSORS)
+    shown = [*range(sensors), *range(problem.sensor_count, problem.instrument_count)]
+    figure, axes = plot.figure(len(shown), 2, width=10.0, height=2.2)
+    rows = np.reshape(axes, (len(shown), 2))
+    for s, row in zip(shown, rows, strict=True):
+        first = rows[0, 1] if s < sensors else rows[sensors, 1]
+        plot.week_readings(diagnosis, s, legend=False, ax=row[0])
+        if row[1] is not first:
+            row[1].sharey(first)  # to compare the residuals of the sensors, and those of the plates
         plot.week_residuals(diagnosis, s, legend=False, ax=row[1])
     shared_legend(figure, np.ravel(axes)[0])
     return figure

@@ -43,8 +43,8 @@ class Cells(eqx.Module):
     advection: Float[Array, " node"]
     loss: Float[Array, ""]
     heat_input_matrix: Float[Array, "node channel"]
-    state_to_readings: Float[Array, "reading node"]
-    faces_to_readings: Float[Array, "reading face"]
+    state_to_readings: Float[Array, "instrument node"]
+    faces_to_readings: Float[Array, "instrument face"]
     inputs: Float[Array, "interval power input"]
 
 
@@ -150,7 +150,9 @@ def _flux_weights(resistance: Float[Array, " cell"]) -> Float[Array, "face all"]
     """Weights of all nodes for the flux at each face, in the wall behind a film, by the same cubics."""
     cumulative = jnp.concatenate([jnp.zeros(1), jnp.cumsum(resistance)])
     from_right = jnp.sum(resistance) - cumulative[::-1]
-    left, right = (jnp.pad(_end_slope(one[:_STENCIL]), (0, cumulative.shape[0] - _STENCIL)) for one in (cumulative, from_right))
+    left, right = (
+        jnp.pad(_end_slope(one[:_STENCIL]), (0, cumulative.shape[0] - _STENCIL)) for one in (cumulative, from_right)
+    )
     return jnp.stack([-left, right[::-1]])
 
 

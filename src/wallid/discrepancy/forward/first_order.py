@@ -51,7 +51,7 @@ def first_order_response(
     diffusivity: Array,
     *,
     substeps: int,
-) -> Float[Array, "time reading"]:
+) -> Float[Array, "time instrument"]:
     """The derivative of the readings of a linear wall by a change of its terms, K (W/m2 of a plate) per unit.
 
     Args:

@@ -110,8 +110,8 @@ def modal_decomposition(wall: Cells, diffusivity: Array) -> Modes:
 
 def simulate_linear_wall(
     wall: Cells, forcing: ForcingData, diffusivity: Array, initial: Float[Array, " node"]
-) -> tuple[Float[Array, "time reading"], Float[Array, "time reading"]]:
-    """Temperature (degC) and its rate (K/s) at the sensors of a linear wall, then the same of the fluxes at plates (K/m).
+) -> tuple[Float[Array, "time instrument"], Float[Array, "time instrument"]]:
+    """Temperature (degC) and its rate (K/s) at the sensors of a linear wall, then those of the fluxes at plates (K/m).
 
     Args:
         wall: the cells.

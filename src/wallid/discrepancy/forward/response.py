@@ -22,7 +22,7 @@ def simulate_readings(
     *,
     linear: bool,
     substeps: int = 1,
-) -> Float[Array, "time reading"]:
+) -> Float[Array, "time instrument"]:
     """The readings of the inner sensors, degC, and the plates, W/m2, of a wall with effects.
 
     Args:
@@ -44,7 +44,7 @@ def simulate_readings(
 
 def face_response(
     terms: Terms, faces: Float[Array, "interval power face"], forcing: ForcingData, diffusivity: Array
-) -> Float[Array, "time reading"]:
+) -> Float[Array, "time instrument"]:
     """The change of the readings of a linear wall by a change of its face temperatures, K (W/m2 of a plate).
 
     Args:

@@ -16,8 +16,8 @@ from .nonlinear_wall import conductivity_factor, diffusivity_factor
 
 
 def apply_instrument_effects(
-    terms: Terms, forcing: ForcingData, value: Float[Array, "time reading"], rate: Float[Array, "time reading"]
-) -> Float[Array, "time reading"]:
+    terms: Terms, forcing: ForcingData, value: Float[Array, "time instrument"], rate: Float[Array, "time instrument"]
+) -> Float[Array, "time instrument"]:
     """The readings of the inner sensors, degC, and of the plates, W/m2.
 
     Args:

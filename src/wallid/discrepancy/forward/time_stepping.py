@@ -27,7 +27,7 @@ def simulate_nonlinear_wall(
     substeps: int,
     solver: diffrax.AbstractSolver | None = None,
     controller: diffrax.AbstractAdaptiveStepSizeController | None = None,
-) -> tuple[Float[Array, "time reading"], Float[Array, "time reading"]]:
+) -> tuple[Float[Array, "time instrument"], Float[Array, "time instrument"]]:
     """Temperature (degC) and its rate (K/s) at the sensors of a nonlinear wall, then of the fluxes at plates (K/m).
 
     Args:
