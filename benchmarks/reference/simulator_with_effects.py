@@ -63,6 +63,12 @@ EFFECTS = {
     "lateral_loss": "rate s: + s (T_air - T)",
     "air_flow": "velocity v: - v dT/dx",
 }
+PLATE_EFFECTS = {
+    "plate_gain": "gain: (1 + gain) q, in place of the random calibration error",
+    "plate_offset": "offset W/m2: reading minus truth",
+    "plate_lag": "time_constant tau: tau y' + y = q",
+    "plate_resistance": "resistance m2 K/W: between the face's reading and the wall",
+}
 OUTSIDE = {
     "oscillating_diffusivity": "amplitude a: conduction times 1 + a sin(2 pi t / 3 d)",
     "corner": "distance m from the sensors to a lateral face at the temperature of an unlogged neighbour space",
@@ -74,8 +80,9 @@ _NONLINEAR = {
 }  # fmt: skip
 _IN_THE_WALL = _NONLINEAR | {
     "layered_conductivity", "layered_capacity", "contact_resistance", "heat_source", "lateral_loss", "air_flow",
-    "surface_film", "corner",
+    "surface_film", "corner", "plate_resistance",
 }  # fmt: skip
+CAPACITY = 1.6e6  # J/m3/K, of every base wall
 
 
 class Hidden(NamedTuple):
@@ -108,7 +115,9 @@ class Spec:
     - `effects`: what is hidden.
     - `shaded`: s from the first row on which the outer face, and the irradiance on it, lie in the shade.
     - `heated`: s from the first row on which the inner face is heated, for how many s, and by how many W/m2; the
-      wall's base conductivity is its diffusivity x 1.6e6 J/m3/K.
+      wall's base conductivity is its diffusivity x `CAPACITY`.
+    - `plates`: the faces with a heat flux plate, positive along +x; `flux_noise_std`: W/m2, of each; `flux_gain_std`:
+      as stated, true ones are drawn with it unless `misplaced` is False.
     """
 
     length: float = 0.3
@@ -132,21 +141,31 @@ class Spec:
     effects: tuple[Hidden, ...] = ()
     shaded: float | None = None
     heated: tuple[float, float, float] | None = None
+    plates: tuple[str, ...] = ()
+    flux_noise_std: float = 0.3
+    flux_gain_std: float = 0.05
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", tuple(Hidden(*effect) for effect in self.effects))
         if self.step % FINE_STEP:
             raise ValueError(f"step must be a multiple of {FINE_STEP} s, got {self.step}")
         for name, _, _ in self.effects:
-            if name not in EFFECTS and name not in OUTSIDE:
+            if name not in EFFECTS | PLATE_EFFECTS | OUTSIDE:
                 raise ValueError(f"unknown effect {name!r}")
         inside = [effect.name for effect in self.effects if effect.name in _IN_THE_WALL]
-        if "corner" in inside and len(inside) > 1:
-            raise ValueError(f"a corner goes with no other effect in the wall, got {inside}")
+        if "corner" in inside and (len(inside) > 1 or self.plates):
+            raise ValueError(f"a corner goes with no plate and no other effect in the wall, got {inside}")
+        if "hysteresis" in inside and self.plates:
+            raise ValueError("no plate goes with hysteresis")
 
     @property
     def rows(self) -> int:
         return round(self.days * DAY / self.step)
+
+    @property
+    def conductivity(self) -> float:
+        """Of the base wall, W/m/K."""
+        return self.diffusivity * CAPACITY
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -247,7 +266,7 @@ def weather(spec: Spec, spin_up: float) -> dict:
 def _heating(spec: Spec, t):
     """What a heater makes of the inner face, K: a half space with a film of 8 W/m2/K before it."""
     start, lasting, power = spec.heated
-    conductivity = 1.6e6 * spec.diffusivity
+    conductivity = spec.conductivity
 
     def since(start):
         b = 8.0 / conductivity * np.sqrt(spec.diffusivity * np.clip(t - start, 0, None))
@@ -345,12 +364,18 @@ class Slab:
             self.extra[np.argmin(np.abs(self.edges - place))] += thickness
         for side, edge in (("left", 0), ("right", -1)):
             self.extra[edge] += sum(p["film_length"] for p in spec.of("surface_film", side))
+            self.extra[edge] += sum(spec.conductivity * p["resistance"] for p in spec.of("plate_resistance", side))
 
     @property
     def effective(self) -> float:
         """length^2 / (resistance x capacity) between the faces, m2/s; films are not the wall's."""
         resistance = (self.width / self.k).sum() + self.extra[1:-1].sum()
         return self.alpha * self.length**2 / (resistance * (self.width * self.c).sum())
+
+    @property
+    def relative_resistance(self) -> float:
+        """Between the faces, over that of the base wall."""
+        return ((self.width / self.k).sum() + self.extra[1:-1].sum()) / self.length
 
     def flux(self, padded, factor=1.0):
         """k dT/dx at the edges (K), from the temperatures of the left face, all cells and the right face.
@@ -376,6 +401,15 @@ class Slab:
         Cubics through the four nearest nodes on the same side of every interface; a face is a node where no
         film hides it.
         """
+        return self._weights(positions, slope=False)
+
+    def outward_flux(self, sides):
+        """The same weights for `-k dT/dx` at faces, k relative to the base wall's, K/m."""
+        ends = {"left": (0.0, self.k[0]), "right": (self.length, self.k[-1])}
+        weights = self._weights([ends[side][0] for side in sides], slope=True)
+        return -np.array([ends[side][1] for side in sides])[:, None] * weights
+
+    def _weights(self, positions, slope):
         nodes = np.concatenate([[0.0], self.centres, [self.length]])
         usable = np.concatenate([[self.extra[0] == 0], np.ones(self.width.size, bool), [self.extra[-1] == 0]])
         piece = np.concatenate([self.piece[:1], self.piece, self.piece[-1:]])
@@ -385,7 +419,8 @@ class Slab:
             near = own[np.argsort(np.abs(nodes[own] - x), kind="stable")[:4]]
             for node in near:
                 others = nodes[near[near != node]]
-                weights[row, node] = np.prod((x - others) / (nodes[node] - others))
+                basis = np.poly1d(others, r=True) / np.prod(nodes[node] - others)
+                weights[row, node] = (basis.deriv() if slope else basis)(x)
         return weights
 
 
@@ -439,7 +474,7 @@ def temperatures(spec: Spec, drive: dict, positions: Sequence[float], *, referen
     **Arguments:** `drive`: see `weather`, equal steps; `positions`: m; `reference`: T0 of the temperature
     dependences, degC; `cells`: number of cells; `tolerance`: relative, of LSODA.
 
-    **Returns:** degC, shape (time, position).
+    **Returns:** degC, shape (time, position); and after them, for each of the spec's plates, the flux, W/m2.
     """
     drive = _driven(spec, drive)
     if spec.of("hysteresis"):
@@ -448,14 +483,24 @@ def temperatures(spec: Spec, drive: dict, positions: Sequence[float], *, referen
     if spec.of("corner"):
         return _corner(spec, drive, positions, cells)
     if not any(effect.name in _NONLINEAR for effect in spec.effects):
-        return _linear(spec, Slab(spec, cells), drive, positions)
+        return _linear(spec, slab := Slab(spec, cells), drive, _instruments(spec, slab, positions))
     time, field, slab = adaptive(spec, drive, reference=reference, cells=cells, tolerance=tolerance)
-    read = slab.reading(positions)
+    read = _instruments(spec, slab, positions)
     inside = CubicSpline(time, field @ read[:, 1:-1].T)(drive["time"])
-    return inside + np.outer(drive["left"], read[:, 0]) + np.outer(drive["right"], read[:, -1])
+    found = inside + np.outer(drive["left"], read[:, 0]) + np.outer(drive["right"], read[:, -1])
+    slope, pace = sum(p["slope"] for p in spec.of("temperature_dependent_conductivity")), _pace(spec)
+    for number, side in enumerate(spec.plates, start=len(positions)):
+        factor = 1 + slope * (drive[side] - reference)
+        found[:, number] *= factor * np.array([pace(t) for t in drive["time"]])
+    return found
 
 
-def _linear(spec, slab, drive, positions):
+def _instruments(spec, slab, positions):
+    """Weights of left face, cells and right face for the temperatures, degC, and the plates' fluxes, W/m2."""
+    return np.concatenate([slab.reading(positions), spec.conductivity * slab.outward_flux(spec.plates)])
+
+
+def _linear(spec, slab, drive, read):
     """Modes of the wall, each stepped exactly between faces that are linear from time to time.
 
     With air flow the matrix is not symmetric, but as for every tridiagonal matrix whose opposite entries have
@@ -475,7 +520,6 @@ def _linear(spec, slab, drive, positions):
     faces = np.zeros((slab.width.size, 2))
     faces[0, 0], faces[-1, 1] = from_left[0], from_right[-1]
     enter = modes.T @ (np.hstack([faces, weights]) / scale[:, None])
-    read = slab.reading(positions)
     leave = (read[:, 1:-1] * scale) @ modes
     out = np.outer(series[0], read[:, 0]) + np.outer(series[1], read[:, -1])
     step = drive["time"][1] - drive["time"][0]
@@ -656,6 +700,7 @@ def spin_up(spec: Spec) -> float:
     """Twelve of the wall's longest time constants, 4 to 30 d, in whole days, s."""
     resisted = 1 + sum(p["film_length"] for p in spec.of("surface_film")) / spec.length
     resisted += sum(p["thickness"] for p in spec.of("contact_resistance")) / spec.length
+    resisted += sum(spec.conductivity * p["resistance"] for p in spec.of("plate_resistance")) / spec.length
     constant = (spec.length / np.pi) ** 2 / Slab(spec).effective * resisted
     return float(np.clip(np.ceil(12 * constant / DAY), 4, 30)) * DAY
 
@@ -676,6 +721,15 @@ def placed(spec: Spec) -> tuple[np.ndarray, np.ndarray]:
     return np.clip(np.array(spec.positions) + errors, 0.002, spec.length - 0.002), offsets
 
 
+def calibrations(spec: Spec) -> np.ndarray:
+    """True calibration error of each plate."""
+    gains = spec.flux_gain_std * _random(spec.noise_seed, 4).standard_normal(len(spec.plates)) * spec.misplaced
+    for number, side in enumerate(spec.plates):
+        for p in spec.of("plate_gain", side):
+            gains[number] = p["gain"]
+    return gains
+
+
 def noise_course(kind: str, rows: int, rng: np.random.RandomState) -> np.ndarray:
     """Stationary noise of variance 1."""
     if kind == "mixed":
@@ -692,11 +746,12 @@ def clean(spec: Spec, *, cells=CELLS, tolerance=1e-7) -> dict:
     """Everything without noise, at the fine step.
 
     **Returns:** `drive`; `rows` (index of each row in the fine times); `left`, `right` and each sensor's
-    reading at every fine time, `readings` (names in the record's order, (row, name)); `T0` (degC, mean of
-    the readings); `diffusivity` (m2/s, the effective one as the interface defines it); `positions`, `offsets`.
+    reading at every fine time, `readings` (names in the record's order, (row, name)); `fluxes` (W/m2, (row, plate));
+    `T0` (degC, mean of the readings); `diffusivity` (m2/s, the effective one as the interface defines it);
+    `resistance` (m2 K/W, between the faces); `positions`, `offsets`, `gains`.
     """
     drive = weather(spec, spin_up(spec))
-    time = drive["time"]
+    time, cells = drive["time"], cells * (1 + bool(spec.plates))  # a flux converges more slowly than a temperature
     first = round(-time[0] / FINE_STEP)
     rows = first + np.arange(spec.rows) * round(spec.step / FINE_STEP)
     positions, offsets = placed(spec)
@@ -710,7 +765,8 @@ def clean(spec: Spec, *, cells=CELLS, tolerance=1e-7) -> dict:
     field = T0 = None
     if len(calm) < len(spec.effects):
         # T0 of the readings before the dependence is in; corrected below for what it does to their mean
-        before = temperatures(replace(spec, effects=calm), drive, points, cells=cells, tolerance=tolerance)
+        calm_spec = replace(spec, effects=calm, plates=())
+        before = temperatures(calm_spec, drive, points, cells=cells, tolerance=tolerance)
         T0 = before[rows].mean()
     field = temperatures(spec, drive, points, reference=T0 or 0.0, cells=cells, tolerance=tolerance)
 
@@ -735,6 +791,13 @@ def clean(spec: Spec, *, cells=CELLS, tolerance=1e-7) -> dict:
             readings[name] = readings[name] + p["rate"] * time / DAY
         readings[name] = readings[name] + offsets[number]
     final = np.mean([course[rows] for course in readings.values()])
+    fluxes, gains = np.zeros((len(rows), len(spec.plates))), calibrations(spec)
+    for number, side in enumerate(spec.plates):
+        course = field[:, len(points) + number]
+        for p in spec.of("plate_lag", side):
+            course = _relax(course, 1 / p["time_constant"], FINE_STEP)
+        fluxes[:, number] = (1 + gains[number]) * course[rows]
+        fluxes[:, number] += sum(p["offset"] for p in spec.of("plate_offset", side))
     effective = Slab(spec).effective
     for p in spec.of("temperature_dependent_conductivity"):
         effective *= 1 + p["slope"] * (final - T0)
@@ -742,7 +805,8 @@ def clean(spec: Spec, *, cells=CELLS, tolerance=1e-7) -> dict:
         effective /= 1 + p["slope"] * (final - T0)
     return {
         "drive": drive, "rows": rows, "T0": final, "diffusivity": effective, "positions": positions,
-        "offsets": offsets, "courses": readings,
+        "offsets": offsets, "courses": readings, "fluxes": fluxes, "gains": gains,
+        "resistance": spec.length / spec.conductivity * Slab(spec).relative_resistance,
         "readings": np.stack([course[rows] for course in readings.values()], axis=1),
     }  # fmt: skip
 
@@ -752,10 +816,11 @@ def simulate(spec: Spec, noise: int | None = None) -> dict:
 
     **Arguments:** `noise`: another seed of the noise than `noise_seed`, which then draws the places alone.
 
-    **Returns:** `time` (datetime64, s), `T_left`, `T_right`, `T1`, .. (degC), `irradiance` (W/m2, outer face),
+    **Returns:** `time` (datetime64, s), `T_left`, `T_right`, `T1`, .. (degC), `flux_left`, .. (W/m2, plates),
+    `irradiance` (W/m2, outer face),
     `air_outdoor`, `air_indoor` (degC), `rain` (mm/h), `heating` (0..1), each (row,); and `truth` with
     `diffusivity` (m2/s; with layers or a joint length^2 / (R C), with a drift at the first row, with
-    temperature dependence at T0, without phase change and wetting), `T0`, `positions`, `offsets`, the
+    temperature dependence at T0, without phase change and wetting), `resistance`, `T0`, `positions`, `offsets`, the
     noise-free columns under `readings`, and `effects`.
     """
     exact = clean(spec)
@@ -768,7 +833,10 @@ def simulate(spec: Spec, noise: int | None = None) -> dict:
         record[name] = np.round(values / spec.rounding) * spec.rounding if spec.rounding else values
     for name in ("irradiance", "air_outdoor", "air_indoor", "rain", "heating"):
         record[name] = exact["drive"][name][exact["rows"]].copy()
-    truth = {name: exact[name] for name in ("diffusivity", "T0", "positions", "offsets")}
+    for number, side in enumerate(spec.plates):  # after all others, whose numbers are those without a plate
+        noise_of_plate = spec.flux_noise_std * noise_course(spec.noise, spec.rows, rng)
+        record[f"flux_{side}"] = np.round(exact["fluxes"][:, number] + noise_of_plate, 3)
+    truth = {name: exact[name] for name in ("diffusivity", "resistance", "T0", "positions", "offsets")}
     truth["readings"] = dict(zip(columns, exact["readings"].T, strict=True))
     truth["effects"] = spec.effects
     return record | {"truth": truth}
@@ -788,6 +856,7 @@ def write_case(spec: Spec, folder: str | Path, noise: int | None = None) -> dict
     folder.mkdir(parents=True, exist_ok=True)
     factor = 2.0 ** _random(spec.noise_seed, 3).uniform(-1, 1)
     regressors = ("irradiance", "air_outdoor", "air_indoor", "rain", "heating")
+    plates = tuple(f"flux_{side}" for side in spec.plates)
     lines = [
         "[wall]",
         f"length = {spec.length!r}",
@@ -799,9 +868,11 @@ def write_case(spec: Spec, folder: str | Path, noise: int | None = None) -> dict
         'time = "time"',
         'left = "T_left"',
         'right = "T_right"',
-        *(f'{name} = "{name}"' for name in regressors),
+        *(f'{name} = "{name}"' for name in (*regressors, *plates)),
         f"boundary_noise_std = {spec.boundary_noise_std!r}",
     ]
+    if plates:
+        lines += [f"flux_noise_std = {spec.flux_noise_std!r}", f"flux_gain_std = {spec.flux_gain_std!r}"]
     for name, position in zip(spec.names, spec.positions, strict=True):
         lines += [
             "",
@@ -813,7 +884,7 @@ def write_case(spec: Spec, folder: str | Path, noise: int | None = None) -> dict
             f"offset_std = {spec.offset_std!r}",
         ]
     (folder / "case.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    names = ("T_left", "T_right", *spec.names, *regressors)
+    names = ("T_left", "T_right", *spec.names, *regressors, *plates)
     table = np.stack([record[name] for name in names], axis=1)
     with open(folder / "record.csv", "w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(("time", *names)) + "\n")

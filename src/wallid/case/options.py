@@ -12,7 +12,7 @@ from .._internal.validation import integer, number, number_tuple, one_of, set_fi
 from ..records.table_columns import MIN_ROWS
 from ..records.uniform_record import Record
 
-ACTIONS = ("sensor", "column", "longer", "season", "shade", "swap", "heating")
+ACTIONS = ("sensor", "flux_plate", "column", "longer", "season", "shade", "swap", "heating")
 """Kinds of action that a diagnosis can propose."""
 FREE_PARAMETERS = ("layers", "film_left", "film_right")
 _MAX_DAYS = 1e5

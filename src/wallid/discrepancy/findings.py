@@ -204,9 +204,12 @@ class Findings:
     def smallest_detectable(self) -> dict[str, float]:
         """The smallest size of each effect that this record would have shown, in its unit, by the effect's label."""
         scores = self.scores
-        needed = np.sqrt(max(_DETECTABLE_GAIN, scores.threshold(0.05)))
+
+        def needed(effect_parameters: EffectParameters) -> float:
+            return max(_DETECTABLE_GAIN, scores.threshold(0.05, scores.weight_of(effect_parameters))) ** 0.5
+
         return {
-            self.problem.label(effect_parameters.effect): float(needed / scores.norm[indices].max())
+            self.problem.label(effect_parameters.effect): needed(effect_parameters) / float(scores.norm[indices].max())
             for effect_parameters, indices in scores.by_effect.items()
         }
 
@@ -251,7 +254,7 @@ class Findings:
             return trial.reason
         if self.scores.gain[index] == 0.0:
             return "its size has the wrong sign"
-        if self.scores.p_value(self.scores.gain[index]) > FIRST_EFFECT_LEVEL:
+        if self.scores.p_value(self.scores.weighted_gain[index]) > FIRST_EFFECT_LEVEL:
             return "no more than chance alone gives"
         if not self.effects:
             return "does not explain the residual"

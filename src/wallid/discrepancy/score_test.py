@@ -5,9 +5,8 @@ priors as further rows), and `z = (I - Q Q') W df/dphi` for the size phi of an e
 
     expected drop of -2 log L = (z'r)^2 / z'z,      expected size = z'r / z'z
 
-For a pair with normalised scores s_i, s_j and cosine c the drop is `(s_i^2 + s_j^2 - 2 c s_i s_j) / (1 - c^2)`. If
-the model is true, the scores are normal with the cosines as covariance. Random draws of them give the distribution
-of the largest score in the entire library. The noise variance differs between draws by its uncertainty.
+For a pair with normalised scores s_i, s_j and cosine c the drop is `(s_i^2 + s_j^2 - 2 c s_i s_j) / (1 - c^2)`. What
+chance alone gives to the largest score in the entire library is drawn at random (`chance_gains`).
 
 Source: C. R. Rao, Proc. Camb. Phil. Soc. 44 (1948), 50 (the score test).
 """
@@ -21,11 +20,11 @@ import numpy as np
 
 from ..inference.likelihood import LOG_DIFFUSIVITY
 from .acceptance import bic_penalty
+from .chance_gains import ChanceGains, draw_scores
 from .effect_fit import EffectFit
 from .model_with_effects import first_order_columns
 from .problem import DiagnosisProblem, EffectParameters
 
-DRAWS = 2000
 _PAIR_DRAWS = 200
 _COLLINEAR = 1e-3  # 1 - cosine^2 below which two effects cannot be distinguished
 _LARGE_SHIFT = 0.15  # of ln(alpha), from which the linear prediction is poor
@@ -55,6 +54,7 @@ class CandidateScores:
         norm: `|z|` of each candidate, per unit of its size, `(candidate,)`.
         score: `z'r / |z|`, `(candidate,)`.
         cosine: cosine between each two `z`, `(candidate, candidate)`.
+        prior_cosine: the part of it in the rows of the priors, `(candidate, candidate)`.
         parameter_shifts: change of the estimated parameters per unit of each size, `(parameter, candidate)`.
         required_signs: +1 or -1 where the size must be positive or negative, else 0, `(candidate,)`.
         random: generator of the draws.
@@ -65,6 +65,7 @@ class CandidateScores:
     norm: np.ndarray = field(repr=False)
     score: np.ndarray = field(repr=False)
     cosine: np.ndarray = field(repr=False)
+    prior_cosine: np.ndarray = field(repr=False)
     parameter_shifts: np.ndarray = field(repr=False)
     required_signs: np.ndarray = field(repr=False)
     random: np.random.Generator = field(repr=False)
@@ -110,7 +111,7 @@ class CandidateScores:
         """Significant candidates with a shift of ln(alpha) too large for the linear prediction, largest shift first."""
         threshold = self.threshold(p)
         best = self.best(len(self.by_effect))
-        far = [k for k in best if self.gain[k] > threshold and abs(self.shift[k]) > _LARGE_SHIFT]
+        far = [k for k in best if self.weighted_gain[k] > threshold and abs(self.shift[k]) > _LARGE_SHIFT]
         return sorted(far, key=lambda k: -abs(self.shift[k]))[:count]
 
     def best_penalised(self, count: int) -> list[int]:
@@ -119,25 +120,28 @@ class CandidateScores:
         return sorted(best, key=lambda k: bic_penalty(self.base, (self.effect(k),)) - self.gain[k])[:count]
 
     @cached_property
-    def _largest_gain_by_chance(self) -> np.ndarray:
-        """The largest gain of each random draw, sorted."""
-        draws = self._draw(DRAWS)
-        draws = draws * np.exp(0.5 * self.base.noise.log_power_std * self.random.standard_normal((DRAWS, 1)))
-        return np.sort(np.where(self.required_signs * draws < 0, 0.0, draws**2).max(axis=1, initial=0.0))
+    def by_chance(self) -> ChanceGains:
+        """What chance alone gives to the candidates."""
+        spread = self.base.noise.log_power_std
+        return ChanceGains(self.cosine, self.prior_cosine, self.required_signs, spread, self.random)
 
-    def _draw(self, count: int) -> np.ndarray:
-        value, vector = np.linalg.eigh(self.cosine)
-        root = vector * np.sqrt(np.maximum(value, 0.0))
-        return self.random.standard_normal((count, len(value))) @ root.T
+    @property
+    def weighted_gain(self) -> np.ndarray:
+        """The gain of each candidate times its weight, by which significance is judged."""
+        return self.gain * self.by_chance.weight
 
-    def p_value(self, gain: float) -> float:
+    def weight_of(self, effect_parameters: EffectParameters) -> float:
+        """The weight of the gain of an effect; 1 for one that is no candidate."""
+        own = self.by_effect.get(effect_parameters, np.array([], dtype=int))
+        return float(self.by_chance.weight[own].max(initial=1.0))
+
+    def p_value(self, gain: float, weight: float = 1.0) -> float:
         """Probability that the largest gain in the entire library exceeds a value by chance; at least 1/(draws + 1)."""
-        larger = len(self._largest_gain_by_chance) - np.searchsorted(self._largest_gain_by_chance, gain)
-        return float(1 + larger) / (1 + len(self._largest_gain_by_chance))
+        return self.by_chance.p_value(weight * gain)
 
-    def threshold(self, p: float) -> float:
+    def threshold(self, p: float, weight: float = 1.0) -> float:
         """The gain that the largest one in the entire library exceeds by chance with this probability."""
-        return float(np.quantile(self._largest_gain_by_chance, 1 - p)) if len(self.candidates) else np.inf
+        return self.by_chance.threshold(p) / weight
 
     @cached_property
     def pair_gain(self) -> np.ndarray:
@@ -175,7 +179,9 @@ class CandidateScores:
 
     def pair_threshold(self, p: float) -> float:
         """The gain that the best pair exceeds by chance with this probability."""
-        largest = [self._pair_gains(draw).max(initial=0.0) for draw in self._draw(_PAIR_DRAWS)]
+        largest = [
+            self._pair_gains(draw).max(initial=0.0) for draw in draw_scores(self.cosine, _PAIR_DRAWS, self.random)
+        ]
         return float(np.quantile(largest, 1 - p)) if len(self.candidates) > 1 else np.inf
 
     def joint_gain(self, chosen: tuple[int, ...]) -> float:
@@ -232,6 +238,7 @@ def score_candidates(base: EffectFit, jacobian: CandidateJacobian, random: np.ra
         norm[keep],
         unit @ base.residual,
         unit @ unit.T,
+        unit[:, z.shape[1] :] @ unit[:, z.shape[1] :].T,
         shifts[:, keep],
         signs,
         random,

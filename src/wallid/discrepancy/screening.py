@@ -114,10 +114,10 @@ def screening_of(fits: CandidateFits, plain: EffectFit, scores: CandidateScores)
     problem, tests = fits.problem, fits.residual_tests(plain)
     if not len(scores.candidates):
         return Screening(1.0, tests.p_value, "", 0.0, 0.0, 0.0, "", 0.0)
-    best = int(np.argmax(scores.gain))
+    best = int(np.argmax(scores.weighted_gain))
     effect = scores.effect(best).effect
     return Screening(
-        score_p_value=scores.p_value(float(scores.gain[best])),
+        score_p_value=scores.p_value(float(scores.weighted_gain[best])),
         residual_p_value=tests.p_value,
         candidate=problem.label(effect),
         expected_gain=float(scores.gain[best]),

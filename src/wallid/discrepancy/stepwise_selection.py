@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+import numpy as np
+
 from .acceptance import FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL, RIVAL, penalised_cost, reason_for_refusal
 from .candidate_fits import CandidateFits
 from .cross_validation import effect_by_window, held_out, held_out_cost
@@ -44,7 +46,7 @@ class StepwiseSelection:
         """The best of a few single effects and pairs, or the plain model where none is significant."""
         singles, pairs = scores.best_penalised(_SINGLES), scores.best_pairs(_PAIRS)
         top = scores.gain.max(initial=0.0)
-        single_significant = bool(singles) and scores.p_value(top) <= FIRST_EFFECT_LEVEL
+        single_significant = bool(singles) and scores.p_value(scores.weighted_gain.max()) <= FIRST_EFFECT_LEVEL
         pair_significant = bool(pairs) and scores.pair_gain[pairs[0]] > max(
             scores.pair_threshold(FURTHER_EFFECT_LEVEL), top + scores.threshold(FURTHER_EFFECT_LEVEL)
         )
@@ -53,7 +55,8 @@ class StepwiseSelection:
         single: list[int] = []
         if single_significant:
             near = [k for k in singles if scores.gain[k] >= (1 - _GAIN_MARGIN) * top - RIVAL]
-            single = list(dict.fromkeys([*near, *scores.largest_shifts(FIRST_EFFECT_LEVEL, _LARGE_SHIFTS)]))
+            surest = int(np.argmax(scores.weighted_gain))
+            single = list(dict.fromkeys([*near, surest, *scores.largest_shifts(FIRST_EFFECT_LEVEL, _LARGE_SHIFTS)]))
         double = [pair for pair in pairs if scores.pair_gain[pair] > top + scores.threshold(FURTHER_EFFECT_LEVEL)]
         fits: list[EffectFit] = []
         for count, k in enumerate(single):
@@ -66,10 +69,12 @@ class StepwiseSelection:
                 progress((len(single) + count) / (len(single) + len(double)))
                 fits.append(self.fits.add_candidates(scores, pair))
             fits += self._pairs_with_best_single(fits)
-        threshold = {
-            1: scores.threshold(FIRST_EFFECT_LEVEL),
-            2: scores.threshold(FIRST_EFFECT_LEVEL) + scores.threshold(FURTHER_EFFECT_LEVEL),
-        }
+
+        def threshold(added: tuple[EffectParameters, ...]) -> float:
+            if len(added) == 1:
+                return scores.threshold(FIRST_EFFECT_LEVEL, scores.weight_of(added[0]))
+            return scores.threshold(FIRST_EFFECT_LEVEL) + scores.threshold(FURTHER_EFFECT_LEVEL)
+
         return self._best(plain, fits, threshold)
 
     def _pairs_with_best_single(self, fits: list[EffectFit]) -> list[EffectFit]:
@@ -82,7 +87,9 @@ class StepwiseSelection:
         partners = [k for k in scores.best_penalised(_PARTNERS) if {*best.active, scores.effect(k)} not in known]
         return [self.fits.add_candidates(scores, (k,)) for k in partners]
 
-    def _best(self, base: EffectFit, fits: Iterable[EffectFit], threshold: dict[int, float]) -> EffectFit:
+    def _best(
+        self, base: EffectFit, fits: Iterable[EffectFit], threshold: Callable[[tuple[EffectParameters, ...]], float]
+    ) -> EffectFit:
         """The accepted fit with the lowest penalised cost, or the base.
 
         It must also predict the days held out better than the fits with fewer effects.
@@ -90,12 +97,12 @@ class StepwiseSelection:
         Args:
             base: the fit without the added effects.
             fits: fits with effects added.
-            threshold: gain of `-2 log L` that so many added effects must exceed.
+            threshold: gain of `-2 log L` that some added effects must exceed.
         """
 
         def penalised(fit: EffectFit) -> float:
-            added = set(fit.active) - set(base.active)
-            return penalised_cost(fit) + threshold.get(len(added), 0.0)
+            added = tuple(effect for effect in fit.active if effect not in base.active)
+            return penalised_cost(fit) + (threshold(added) if added else 0.0)
 
         ordered = sorted((fit for fit in fits if self.fits.acceptable(fit)), key=penalised)
         for fit in ordered:
@@ -125,13 +132,16 @@ class StepwiseSelection:
 
     def _add_one(self, fit: EffectFit) -> EffectFit:
         scores = self.fits.score_candidates(fit)
-        threshold = self._threshold(scores)
-        fits = [self.fits.add_candidates(scores, (k,)) for k in scores.best_penalised(2) if scores.gain[k] > threshold]
-        return self._best(fit, fits, {1: threshold})
+        significant = (
+            k for k in scores.best_penalised(2) if scores.gain[k] > self._threshold(scores, scores.effect(k))
+        )
+        fits = [self.fits.add_candidates(scores, (k,)) for k in significant]
+        return self._best(fit, fits, lambda added: self._threshold(scores, added[0]))
 
-    def _threshold(self, scores: CandidateScores) -> float:
+    def _threshold(self, scores: CandidateScores, effect: EffectParameters) -> float:
         """The gain that a further effect must exceed: of chance, and of the model error of the other effects."""
-        return max(scores.threshold(FURTHER_EFFECT_LEVEL), self.fits.model_error_allowance(scores.base))
+        by_chance = scores.threshold(FURTHER_EFFECT_LEVEL, scores.weight_of(effect))
+        return max(by_chance, self.fits.model_error_allowance(scores.base))
 
     def _remove_one(self, fit: EffectFit) -> EffectFit:
         """The fit without an effect that is not significant beside the others."""
@@ -139,7 +149,7 @@ class StepwiseSelection:
             return fit
         for effect_parameters in fit.active:
             reduced = self.fits.without(fit, effect_parameters)
-            threshold = self._threshold(self.fits.score_candidates(reduced))
+            threshold = self._threshold(self.fits.score_candidates(reduced), effect_parameters)
             if penalised_cost(reduced) - penalised_cost(fit) < threshold and self.fits.acceptable(reduced):
                 return reduced
         return fit
@@ -190,8 +200,9 @@ class StepwiseSelection:
         if len(fit.active) < _MAX_EFFECTS:
             return 1.0
         scores = self.fits.score_candidates(fit)
-        largest = float(scores.gain.max(initial=0.0))
-        return 1.0 if largest < self.fits.model_error_allowance(fit) else scores.p_value(largest)
+        if scores.gain.max(initial=0.0) < self.fits.model_error_allowance(fit):
+            return 1.0
+        return scores.p_value(float(scores.weighted_gain.max(initial=0.0)))
 
     def named_effects(self, fit: EffectFit) -> tuple[NamedEffect, ...]:
         """Each effect of a fit with its parameters, its gain and its rivals, largest gain first."""
@@ -218,7 +229,7 @@ class StepwiseSelection:
                     values,
                     expected,
                     gain,
-                    scores.p_value(gain),
+                    scores.p_value(gain, scores.weight_of(effect_parameters)),
                     alternatives,
                     effect_by_window(fit, effect_parameters),
                     base,

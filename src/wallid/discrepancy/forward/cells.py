@@ -82,9 +82,10 @@ def build_cells(terms: Terms, forcing: ForcingData) -> Cells:
     ends = jnp.array([0, -1])
     inner = capacity[1:-1].at[ends].add(weight * capacity[ends])
     rows = _reading_weights(positions, resistance, forcing.layer_nodes, forcing.sensor_positions + terms.position)
-    rows = jnp.concatenate([rows, _flux_weights(resistance)[jnp.array(forcing.plates, dtype=int)]])
     state = rows[:, 1:-1].at[:, ends].add(weight * rows[:, ends])
     face = (1.0 - weight) * rows[:, ends]
+    fluxes = _flux_weights(resistance, film)[jnp.array(forcing.plates, dtype=int)]
+    state, face = jnp.concatenate([state, fluxes[:, 1:-1]]), jnp.concatenate([face, fluxes[:, ends]])
 
     sources = [_source_profile(source.position, positions, forcing.length) * source.rate for source in terms.sources]
     rates = jnp.stack([jnp.broadcast_to(s, inner.shape) for s in (terms.loss[0], terms.loss[1], *sources)], axis=1)
@@ -146,13 +147,17 @@ def _reading_weights(
     return rows.at[jnp.arange(position.shape[0])[:, None], stencil].set(jnp.stack(weights, axis=1))
 
 
-def _flux_weights(resistance: Float[Array, " cell"]) -> Float[Array, "face all"]:
-    """Weights of all nodes for the flux at each face, in the wall behind a film, by the same cubics."""
+def _flux_weights(resistance: Float[Array, " cell"], film: Float[Array, " face"]) -> Float[Array, "face all"]:
+    """Weights of the face readings and the inner nodes for the flux at each face, over the conductivity, along +x.
+
+    With the slope `D = s_0 T_face + sum_i s_i T_i` of the cubic in the cumulative resistance, and `T_face = T_read +
+    film D` behind a film, `D = (s_0 T_read + sum_i s_i T_i) / (1 - s_0 film)`.
+    """
     cumulative = jnp.concatenate([jnp.zeros(1), jnp.cumsum(resistance)])
-    from_right = jnp.sum(resistance) - cumulative[::-1]
-    left, right = (
-        jnp.pad(_end_slope(one[:_STENCIL]), (0, cumulative.shape[0] - _STENCIL)) for one in (cumulative, from_right)
-    )
+    from_right = cumulative[-1] - cumulative[::-1]
+    slopes = jnp.stack([_end_slope(one[:_STENCIL]) for one in (cumulative, from_right)])
+    slopes = slopes / (1.0 - slopes[:, :1] * film[:, None])
+    left, right = jnp.pad(slopes, ((0, 0), (0, cumulative.shape[0] - _STENCIL)))
     return jnp.stack([-left, right[::-1]])
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from ..._internal.number_formats import date_of
 from ..problem import EffectParameters
 
-ActionKind = Literal["sensor", "column", "longer", "season", "shade", "swap", "heating"]
+ActionKind = Literal["sensor", "flux_plate", "column", "longer", "season", "shade", "swap", "heating"]
 EFFORTS: Mapping[str, float] = {
     "column": 1.0,
     "longer": 1.0,
@@ -17,6 +17,7 @@ EFFORTS: Mapping[str, float] = {
     "shade": 2.0,
     "heating": 2.0,
     "season": 2.0,
+    "flux_plate": 2.0,
     "sensor": 3.0,
 }
 """The default effort of each action, relative to that of logging one more column."""
@@ -55,6 +56,8 @@ class Action:
         match self.kind:
             case "sensor":
                 return f"put one more temperature sensor {self.parameters['position']:.3g} m from the left face"
+            case "flux_plate":
+                return f"put a heat flux plate on the {self.parameters['face']} face"
             case "column":
                 return f"log the {_COLUMN_WORDS.get(self.parameters['column'], self.parameters['column'])}"
             case "longer":
@@ -75,6 +78,8 @@ class Action:
         match self.kind:
             case "sensor":
                 return f"sensor at {100 * self.parameters['position']:.3g} cm"
+            case "flux_plate":
+                return f"plate on the {self.parameters['face']} face"
             case "column":
                 return f"log {self.parameters['column'].replace('_', ' ')}"
             case "longer":
@@ -164,6 +169,7 @@ class Prescription:
 
 _KIND_WORDS: Mapping[ActionKind, str] = {
     "sensor": "a further temperature sensor",
+    "flux_plate": "a heat flux plate",
     "column": "logging the column",
     "longer": "a record of up to six times the length",
     "season": "another season",

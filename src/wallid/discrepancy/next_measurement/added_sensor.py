@@ -18,6 +18,7 @@ from ...inference.noise_covariance import BinnedReadings
 from ...inference.noise_of_record import noise_shape_of_record
 from ...inference.nuisance_parameters import FacePositions, SensorOffsets, SensorPositions
 from ...inference.parameters import Parameters, kind_of, target_of
+from ...models.flux_plates import face_noise_of_model
 from ..effect_fit import EffectFit
 from ..model_with_effects import face_impulse_response, linearise
 from ..problem import DiagnosisProblem
@@ -119,7 +120,7 @@ class _Prediction:
     def extend(self, explanation: Explanation, sensor: Sensor, slot: int) -> Explanation:
         """The explanation of all readings with those of the new sensor, evaluated in the place of the sensor `slot`."""
         problem = self.fit.problem
-        bins = len(self.predicted) // problem.sensor_count
+        bins = len(self.predicted) // problem.instrument_count
         rows = slice(slot * bins, (slot + 1) * bins)
         zeros = np.zeros(bins)
         shared = [
@@ -148,9 +149,7 @@ def _whitening(fit: EffectFit, sensor: Sensor, like: int, response: np.ndarray) 
         on_device(np.column_stack([present, present[:, like]])),
         problem.bins.rows_per_bin,
     )
-    stds = np.array([one.noise_std for one in (*problem.case.sensors, sensor)])
-    errors = problem.case.record.face_errors
-    shape = noise_shape_of_record(
-        problem.record, response, bins, problem.spacing, stds, problem.record.boundary_noise_std, errors
-    )
+    stds = np.append(problem.noise_stds, sensor.noise_std)
+    face_std, errors = face_noise_of_model(problem.case)
+    shape = noise_shape_of_record(problem.record, response, bins, problem.spacing, stds, face_std, errors)
     return shape.covariance_like(fit.noise).whitening

@@ -18,7 +18,8 @@ from .added_sensor import AddedSensor, added_sensors
 from .present_record import PresentRecord
 from .separation import Explanation
 
-_SHARES = np.linspace(0.1, 0.9, 9)  # of the wall's length, at which a sensor is tried
+SHARES = np.linspace(0.1, 0.9, 9)
+"""Positions over the wall's length at which a sensor is tried."""
 _LENGTHS = (1.5, 2.0, 3.0, 4.0, 6.0)  # of a longer record, in lengths of the present one
 _LONGEST = 366.0  # days
 
@@ -156,8 +157,10 @@ class RecordWithSensor(CandidateRecord):
 
 
 def records_with_sensor(present: PresentRecord) -> Iterator[RecordWithSensor]:
-    """A record with one more sensor at each of nine places across the wall."""
-    positions = (_SHARES * present.problem.case.wall.length).tolist()
+    """A record with one more sensor at each of nine places across the wall; none without a present sensor."""
+    if not present.problem.case.sensors:
+        return
+    positions = (SHARES * present.problem.case.wall.length).tolist()
     for added in added_sensors(present, positions):
         yield RecordWithSensor(present, added)
 

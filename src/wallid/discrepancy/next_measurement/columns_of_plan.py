@@ -14,6 +14,7 @@ from ...case.case_definition import Case
 from ...case.time_window import Window
 from ...case.wall_and_sensors import SIDES
 from ...inference.likelihood import LOG_DIFFUSIVITY
+from ...models.flux_plates import fluxes_of
 from ..acceptance import FIRST_EFFECT_LEVEL
 from ..candidate_fits import CandidateFits
 from ..effect_fit import linearised_at
@@ -33,13 +34,15 @@ def columns_to_log(case: Case, window: Window, logged: dict[str, np.ndarray]) ->
         window: its rows.
         logged: known courses of columns in the typical year, such as the irradiance, `(time,)` each.
     """
-    if not case.sensors:  # a diagnosis needs a temperature inside
+    plates = [f"flux_{face}" for face in fluxes_of(case)]
+    if not case.sensors and not plates:  # a diagnosis needs a temperature inside or a flux
         return {}
     columns = sorted({*unlogged(len(case.sensors), ()), "heating"})
     part = case.record.window(window.row, min(window.rows, _LONGEST))
     courses = typical_courses(part, SIDES.index(case.wall.outside))
     courses |= {name: values[window.row : window.row + part.rows] for name, values in logged.items()}
-    record = replace(part, regressors={name: courses[name] for name in columns})
+    fluxes = {name: part.regressors[name] for name in plates}
+    record = replace(part, regressors={name: courses[name] for name in columns} | fluxes)
     problem = diagnosis_problem(replace(case, record=record, choices=replace(case.choices, diagnose_days=None)))
     noise = problem.noise_shape(problem.parameters).stated_covariance()
     scores = CandidateFits(problem).score_candidates(linearised_at(problem, (), problem.parameters, noise))

@@ -76,7 +76,7 @@ def _growth(fit: EffectFit, jacobian: np.ndarray) -> Growth | None:
         rate, per_unit = one.names[0], None
         if isinstance(one.effect, SensorDrift):
             per_unit = np.repeat(
-                np.arange(problem.sensor_count) == one.effect.sensor, len(jacobian) // problem.sensor_count
+                np.arange(problem.instrument_count) == one.effect.sensor, len(jacobian) // problem.instrument_count
             )
         elif isinstance(one.effect, DiffusivityDrift):
             per_unit = jacobian[:, fit.index(LOG_DIFFUSIVITY)]

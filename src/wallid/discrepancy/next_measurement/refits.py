@@ -50,7 +50,7 @@ def _refitted(confusable: ConfusableSet, candidate: CandidateRecord, k: int, der
     exact = _with_readings_of(candidate, true)
 
     def cost(fit: EffectFit) -> float:
-        return refit(exact, _same_effects(candidate, fit), candidate.next_parameters(fit), covariance).cost
+        return refit(exact, same_effects(candidate, fit), candidate.next_parameters(fit), covariance).cost
 
     own, excess, rivals = cost(true), np.array(derivative.excess), fits[:k] + fits[k + 1 :]
     for j in np.argsort(excess + derivative.penalties)[:_NEAREST]:
@@ -59,7 +59,7 @@ def _refitted(confusable: ConfusableSet, candidate: CandidateRecord, k: int, der
     return derivative.with_excess(excess)
 
 
-def _same_effects(candidate: CandidateRecord, fit: EffectFit) -> tuple[EffectParameters, ...]:
+def same_effects(candidate: CandidateRecord, fit: EffectFit) -> tuple[EffectParameters, ...]:
     """The effects of a fit in the library of the next record."""
     by_names = {effect.names: effect for effect in candidate.problem.library}
     return tuple(by_names[tuple(map(candidate.next_name, effect.names))] for effect in fit.active)
@@ -70,7 +70,6 @@ def _with_readings_of(candidate: CandidateRecord, fit: EffectFit) -> DiagnosisPr
     problem = candidate.problem
     linear = problem.is_linear(fit.active)
     predicted = np.asarray(predict(problem.model, candidate.next_parameters(fit), linear))
-    present = np.isfinite(problem.record.sensors)
-    readings = np.where(present, predicted, np.nan)
+    present = np.isfinite(problem.readings)
     bins, _ = bin_readings(present, np.where(present, predicted, 0.0))
-    return replace(problem, record=replace(problem.record, sensors=readings), bins=bins)
+    return replace(problem, readings=np.where(present, predicted, np.nan), bins=bins)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from ..findings import Findings
 from .actions import EFFORTS, Action, ActionKind, Prescription, best_actions, score
+from .added_instrument import records_with_instrument
 from .candidate_records import CandidateRecord, LongerRecord, longer_records, records_with_sensor
 from .changed_records import changed_records, swapped_records
 from .confusable_sets import ConfusableSet, confusable_sets
@@ -96,7 +97,8 @@ def _tried(
     """Every candidate with its action; of longer records none past the first that is probable enough."""
     tried: _Tried = []
     others = (*changed_records(present), *swapped_records(present), *longer_records(present))
-    for record in (*records_with_sensor(present), *others):
+    instruments = (*records_with_sensor(present), *records_with_instrument(present))
+    for record in (*instruments, *others):
         if tried and isinstance(tried[-1][0], LongerRecord) and tried[-1][1].probability >= _PROBABLE_ENOUGH:
             break
         days, effort = record.length * present.days, record.length * efforts[record.kind]

@@ -1,0 +1,126 @@
+"""A next record with an instrument of another kind: a heat flux plate, or the first temperature sensor inside.
+
+The model of such a record has other readings, so it is compiled anew. One more sensor beside others is not
+(`added_sensor`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..._internal.arrays import on_device
+from ...case.wall_and_sensors import SIDES, Sensor, Side
+from ...experiment_design.campaign_plan.typical_case import conductivity_of
+from ...models.flux_plates import fluxes_of
+from ..effect_fit import EffectFit
+from ..model_with_effects import linearise
+from ..problem import DiagnosisProblem, diagnosis_problem
+from .candidate_records import SHARES, CandidateRecord, with_profile_of
+from .present_record import PresentRecord
+from .refits import same_effects
+from .separation import Explanation
+
+_SENSOR_NOISE = 0.05  # K, of a sensor beside plates alone
+
+
+class _RecordWithInstrument(CandidateRecord):
+    """A record with one more instrument, whose errors are estimated beside the parameters of the present record."""
+
+    @cached_property
+    def explanations(self) -> tuple[Explanation, ...]:
+        """The readings of the present instruments and of this one by each fit."""
+        pairs = zip(self.present.fits, self.present.explanations, strict=True)
+        return tuple(self._explanation(fit, one) for fit, one in pairs)
+
+    def _explanation(self, fit: EffectFit, present: Explanation) -> Explanation:
+        problem, effects = self.problem, same_effects(self, fit)
+        parameters = self.next_parameters(fit).estimating(problem.estimated_names(effects))
+        names, linear = parameters.estimated_names, problem.is_linear(effects)
+        predicted, slopes = linearise(problem.model, problem.bins, parameters, names, linear=linear)
+        mask = np.asarray(parameters.estimated)
+        values, prior_std = (np.asarray(part)[mask] for part in (parameters.values, parameters.prior_std))
+        return Explanation(problem.binned(predicted), slopes.T, values, prior_std, present.penalty)
+
+    @cached_property
+    def whitening(self) -> np.ndarray:
+        """W of all readings."""
+        first = self.present.fits[0]
+        return self.problem.noise_shape(self.next_parameters(first)).covariance_like(first.noise).whitening
+
+
+class RecordWithPlate(_RecordWithInstrument):
+    """A record with a heat flux plate on a face.
+
+    Args:
+        present: the present one.
+        face: without a plate so far.
+    """
+
+    kind = "flux_plate"
+
+    def __init__(self, present: PresentRecord, face: Side):
+        super().__init__(present)
+        self.face = face
+
+    def parameters(self) -> dict[str, Any]:
+        """The face."""
+        return {"face": self.face}
+
+    @cached_property
+    def problem(self) -> DiagnosisProblem:
+        """The present record with a column of the plate, whose readings are not used.
+
+        Without a plate so far, the conductivity is that of the case or a typical one.
+        """
+        present = self.present.problem
+        case, record = present.case, present.case.record
+        plates = {**record.regressors, f"flux_{self.face}": np.zeros(record.rows)}
+        record = replace(record, regressors=plates)
+        problem = with_profile_of(diagnosis_problem(replace(case, record=record)), present)
+        reference = present.model.reference_conductivity
+        if not fluxes_of(case):
+            reference = on_device(conductivity_of(case.wall, self.present.fits[0].diffusivity))
+        return replace(problem, model=replace(problem.model, reference_conductivity=reference))
+
+
+class RecordWithFirstSensor(_RecordWithInstrument):
+    """A record of plates with a temperature sensor inside the wall.
+
+    Args:
+        present: the present one, without a sensor inside.
+        position: of the sensor, m from the left face.
+    """
+
+    kind = "sensor"
+
+    def __init__(self, present: PresentRecord, position: float):
+        super().__init__(present)
+        self.position = position
+
+    def parameters(self) -> dict[str, Any]:
+        """The position, m."""
+        return {"position": self.position}
+
+    @cached_property
+    def problem(self) -> DiagnosisProblem:
+        """The present record with a column of the sensor, whose readings are not used."""
+        present = self.present.problem
+        record = replace(
+            present.case.record, sensors=present.case.record.faces.mean(axis=1, keepdims=True), names=("new 1",)
+        )
+        sensor = Sensor("new 1", self.position, noise_std=_SENSOR_NOISE)
+        problem = diagnosis_problem(replace(present.case, record=record, sensors=(sensor,)))
+        return with_profile_of(problem, present)
+
+
+def records_with_instrument(present: PresentRecord) -> Iterator[CandidateRecord]:
+    """A record with a plate on each face without one; without a sensor inside, one at each of nine places."""
+    case = present.problem.case
+    yield from (RecordWithPlate(present, face) for face in SIDES if face not in fluxes_of(case))
+    if not case.sensors:
+        yield from (RecordWithFirstSensor(present, share * case.wall.length) for share in SHARES.tolist())
