@@ -838,7 +838,7 @@ def simulate(spec: Spec, noise: int | None = None) -> dict:
         record[f"flux_{side}"] = np.round(exact["fluxes"][:, number] + noise_of_plate, 3)
     truth = {name: exact[name] for name in ("diffusivity", "resistance", "T0", "positions", "offsets")}
     truth["readings"] = dict(zip(columns, exact["readings"].T, strict=True))
-    truth["effects"] = spec.effects
+    truth["fluxes"], truth["effects"] = exact["fluxes"], spec.effects
     return record | {"truth": truth}
 
 

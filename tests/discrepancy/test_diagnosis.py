@@ -278,11 +278,10 @@ def test_the_text_says_verdict_sizes_and_the_ranked_table(explained):
     assert all(row.reason for row in found.table)
 
 
-def test_without_an_inner_sensor_the_refusal_says_what_to_do(explained):
+def test_without_an_inner_sensor_and_a_plate_the_refusal_says_what_to_do(explained):
     found, _ = explained(noise="white")
     case = found.problem.case
-    flux = {"flux_left": np.zeros(case.record.rows)}
-    record = replace(case.record, names=(), sensors=np.empty((case.record.rows, 0)), regressors=flux)
+    record = replace(case.record, names=(), sensors=np.empty((case.record.rows, 0)))
     choices = replace(case.choices, initial_profile=0)
-    with pytest.raises(wallid.InputError, match="add a sensor"):
+    with pytest.raises(wallid.InputError, match="add one"):
         wallid.diagnose(replace(case, sensors=(), record=record, choices=choices))

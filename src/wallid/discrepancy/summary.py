@@ -7,6 +7,7 @@ import numpy as np
 from .._internal.number_formats import p_value_text, value_and_std
 from ..estimation.materials import implausible
 from ..inference.quantity import Quantity
+from ..models.flux_plates import fluxes_of
 from .effect_results import NamedEffect
 from .effects.catalogue import untestable
 from .findings import Findings
@@ -27,7 +28,7 @@ _COMMON_EFFECTS = (  # name, factor to the unit of the text, text
 def verdict_sentence(findings: Findings) -> str:
     """The verdict in one or a few sentences: what was mixed up, if anything, then what the corrected record shows."""
     mixups = [f"{mixup.words[:1].upper()}{mixup.words[1:]}." for mixup in findings.mixups]
-    return " ".join([*mixups, _sentence(findings)])
+    return " ".join([*mixups, _sentence(findings), *_gain_of_single_plate(findings)])
 
 
 def _sentence(findings: Findings) -> str:
@@ -74,6 +75,17 @@ def _sentence(findings: Findings) -> str:
     if verdict == "confusable":
         text += " " + " ".join(_ambiguity(effect, problem) for effect in findings.effects if effect.alternatives)
     return text
+
+
+def _gain_of_single_plate(findings: Findings) -> list[str]:
+    """What one plate alone cannot tell."""
+    plates = fluxes_of(findings.problem.case)
+    if len(plates) != 1:
+        return []
+    return [
+        f"This record cannot distinguish a gain of the {plates[0]} plate from another conductivity: the resistance "
+        "holds if the plate is calibrated as stated."
+    ]
 
 
 def _values(findings: Findings) -> str:

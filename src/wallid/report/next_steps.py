@@ -30,6 +30,10 @@ _REMEDIES = {
     "heat_source": "look for heat in the wall: a pipe, a flue, a heated floor",
     "lateral_loss": "look for heat that leaves sideways: a corner, a slab, a neighbouring wall",
     "air_flow": "look for air that moves through the wall: cracks, open joints",
+    "plate_gain": "calibrate the {target} plate, or exchange the two plates and record again",
+    "plate_offset": "read the {target} plate at zero flux, between two equal temperatures, and correct its offset",
+    "plate_lag": "check how the {target} plate is in contact with the wall",
+    "plate_resistance": "look for air under the {target} plate, and put the face's sensor under it, on the wall",
     "wetting": "look for water: rain, a leak, rising damp",
     "diffusivity_drift": "look for a wall that dries or gets wet",
 }
@@ -52,7 +56,7 @@ def next_steps(run: Run) -> list[str]:
             "diffusivity for it"
         )
     elif run.fit is not None and run.fit.disturbance is not None:
-        known = "; `wallid diagnose` says whether a known effect explains it" if run.case.sensors else ""
+        known = "; `wallid diagnose` says whether a known effect explains it"
         steps.append(
             f"look for the {run.fit.disturbance.heat}, and log what may cause it: irradiance, the air's temperature, a "
             f"heater{known}"
@@ -97,7 +101,7 @@ def _after_diagnosis(found: Diagnosis) -> list[str]:
     elif found.verdict == "adequate":
         steps.append("use the value, with its interval")
     elif found.verdict == "unnamed":
-        steps.append("look at the figure of what is left: at which sensor, hour and days it is largest")
+        steps.append("look at the figure of what is left: at which sensor or plate, hour and days it is largest")
         steps.append("do not rely on the diffusivity beyond its interval")
     elif not any(one.actions for one in found.prescriptions):
         steps.append("record days with larger variations of the face temperatures, longer, or with a further sensor")

@@ -84,7 +84,9 @@ def build_cells(terms: Terms, forcing: ForcingData) -> Cells:
     rows = _reading_weights(positions, resistance, forcing.layer_nodes, forcing.sensor_positions + terms.position)
     state = rows[:, 1:-1].at[:, ends].add(weight * rows[:, ends])
     face = (1.0 - weight) * rows[:, ends]
-    fluxes = _flux_weights(resistance, film)[jnp.array(forcing.plates, dtype=int)]
+    # of the material between each face's sensor and the surface, on which the plate is
+    buried = terms.depth * resistance[ends] / jnp.diff(positions)[ends]
+    fluxes = _flux_weights(resistance, film, buried)[jnp.array(forcing.plates, dtype=int)]
     state, face = jnp.concatenate([state, fluxes[:, 1:-1]]), jnp.concatenate([face, fluxes[:, ends]])
 
     sources = [_source_profile(source.position, positions, forcing.length) * source.rate for source in terms.sources]
@@ -147,28 +149,35 @@ def _reading_weights(
     return rows.at[jnp.arange(position.shape[0])[:, None], stencil].set(jnp.stack(weights, axis=1))
 
 
-def _flux_weights(resistance: Float[Array, " cell"], film: Float[Array, " face"]) -> Float[Array, "face all"]:
-    """Weights of the face readings and the inner nodes for the flux at each face, over the conductivity, along +x.
+def _flux_weights(
+    resistance: Float[Array, " cell"], film: Float[Array, " face"], buried: Float[Array, " face"]
+) -> Float[Array, "face all"]:
+    """Weights of the face readings and the inner nodes for the flux at each surface, over the conductivity, along +x.
 
     With the slope `D = s_0 T_face + sum_i s_i T_i` of the cubic in the cumulative resistance, and `T_face = T_read +
-    film D` behind a film, `D = (s_0 T_read + sum_i s_i T_i) / (1 - s_0 film)`.
+    film D` behind a film, `D = (s_0 T_read + sum_i s_i T_i) / (1 - s_0 film)`. Before a face's sensor that is inside
+    the wall the cubic is continued.
+
+    Args:
+        resistance: of the cells. film: of each face. buried: between each surface and the face's sensor; all in m.
     """
     cumulative = jnp.concatenate([jnp.zeros(1), jnp.cumsum(resistance)])
     from_right = cumulative[-1] - cumulative[::-1]
-    slopes = jnp.stack([_end_slope(one[:_STENCIL]) for one in (cumulative, from_right)])
+    pairs = zip((cumulative, from_right), buried, strict=True)
+    slopes = jnp.stack([_slope_weights(one[:_STENCIL], -before) for one, before in pairs])
     slopes = slopes / (1.0 - slopes[:, :1] * film[:, None])
     left, right = jnp.pad(slopes, ((0, 0), (0, cumulative.shape[0] - _STENCIL)))
     return jnp.stack([-left, right[::-1]])
 
 
-def _end_slope(nodes: Float[Array, " stencil"]) -> Float[Array, " stencil"]:
-    """Weights of the values at some nodes for the slope of their polynomial at the first node."""
-    others = range(1, _STENCIL)
+def _slope_weights(nodes: Float[Array, " stencil"], point: Array) -> Float[Array, " stencil"]:
+    """Weights of the values at some nodes for the slope of their polynomial at a point."""
     weights = []
-    for i in others:
-        product = math.prod((nodes[0] - nodes[j]) / (nodes[i] - nodes[j]) for j in others if j != i)
-        weights.append(product / (nodes[i] - nodes[0]))
-    return jnp.stack([-sum(weights), *weights])
+    for i in range(_STENCIL):
+        others = [j for j in range(_STENCIL) if j != i]
+        terms = [math.prod(point - nodes[j] for j in others if j != left_out) for left_out in others]
+        weights.append(sum(terms) / math.prod(nodes[i] - nodes[j] for j in others))
+    return jnp.stack(weights)
 
 
 def initial_state(forcing: ForcingData, profile: Float[Array, " mode"]) -> Float[Array, " inner"]:
