@@ -379,9 +379,9 @@ def diagnose(
 ) -> None:
     """Find the effect that is missing from the plain model, and the diffusivity of the model with this effect.
 
-    The command tests each effect of a library (sensors, faces, materials, sources) on the entire record. The verdict
-    is: an effect is missing, with its size; none is missing; two effects cannot be distinguished; or the missing
-    effect is not in the library.
+    The command tests each effect of a library (sensors, plates, faces, materials, sources) on the entire record.
+    The verdict is: an effect is missing, with its size; none is missing; two effects cannot be distinguished; or the
+    missing effect is not in the library.
     It takes about a minute; `[choices] diagnose_days` shortens the record.
     """
     run_command(case, None, ("diagnose",), out, json, quiet, formats)

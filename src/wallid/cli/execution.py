@@ -196,7 +196,7 @@ def _print_summary(result: workflow.Run, name: str, written: list[Path]) -> None
     advice = f"next         wallid diagnose {shlex.quote(name)}:"
     if missing or "wallid diagnose" in result.unreliable_reason:
         lines.append(f"{advice} name the missing effect, and correct the diffusivity")
-    elif result.fit is not None and result.diagnosis is None and result.case.sensors and not result.unreliable_reason:
+    elif result.fit is not None and result.diagnosis is None and not result.unreliable_reason:
         lines.append(f"{advice} search for effects that are missing from the model")
     print_output("\n".join(lines))
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from .._internal.number_formats import format_unit
 from .._internal.units import DAY
@@ -57,9 +58,15 @@ def week_readings(diagnosis: Diagnosis, instrument: int, *, legend: bool = True,
     days = axis.at(diagnosis.problem.record.days)
     before, after = diagnosis.before, diagnosis.after
     ax.plot(days[week], before.problem.readings[week, instrument], ".", ms=3.5, color=GREY, label="measured")
-    ax.plot(days[week], before.predicted[week, instrument], "--", color=ORANGE, label="plain model")
-    if after.active:
-        ax.plot(days[week], after.predicted[week, instrument], color=BLUE, label=_model_label(diagnosis))
+    used = np.logical_or.accumulate(
+        np.isfinite(before.problem.readings[:, instrument])
+    )  # without rows before the first
+    for fit, line, colour, label in (
+        (before, "--", ORANGE, "plain model"),
+        *([(after, "-", BLUE, _model_label(diagnosis))] if after.active else []),
+    ):
+        predicted = np.where(used, fit.predicted[:, instrument], np.nan)
+        ax.plot(days[week], predicted[week], line, color=colour, label=label)
     axis.apply(ax)
     ax.set(
         ylabel="temperature (°C)" if instrument < diagnosis.problem.sensor_count else "heat flux (W/m²)",
@@ -240,6 +247,9 @@ def ranked_gains(diagnosis: Diagnosis, count: int = _MOST_EFFECTS, *, ax: Axes |
         xlabel=r"gain: decrease of $-2 \log L$ (-); dots: expected",
         title="Gain of each effect added alone",
     )
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
     ax.invert_yaxis()
     legend_below(ax)
     return ax

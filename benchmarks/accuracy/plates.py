@@ -1,0 +1,170 @@
+"""Whether a diagnosis with heat flux plates names what is hidden, and its intervals hold resistance and diffusivity.
+
+`python -m benchmarks.accuracy.plates`
+
+The records are those of the independent simulator (`benchmarks.reference.simulator_with_effects`): a wall in drawn
+weather, 14 days at half an hour, a plate on each face, no sensor inside or two. Nothing is hidden, or an effect of a
+plate, or one of the wall. Plates and sensors have the errors that the case states. A record counts as told where the
+verdict names the hidden effect or has it among the alternatives.
+
+Each record's outcome is appended to a log of JSON lines, so that a long run goes on where it ended.
+"""
+
+import argparse
+import json
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.accuracy.discrepancy.scenarios import campaign, hide
+from benchmarks.accuracy.discrepancy.score import interval
+from benchmarks.reference.simulator_with_effects import Hidden, Spec, write_case
+
+SEED = 2802  # fixed before the first record was diagnosed
+DAYS, STEP = 14.0, 1800.0
+LOGGED = {"plates": (), "plates and sensors": (0.33, 0.67)}
+KINDS = (
+    "nothing", "plate_gain", "plate_offset", "plate_lag", "plate_resistance", "solar_gain", "layered_conductivity",
+    "heat_source",
+)  # fmt: skip
+
+
+def _log(rng: np.random.RandomState, low: float, high: float) -> float:
+    return float(f"{np.exp(rng.uniform(np.log(low), np.log(high))):.4g}")
+
+
+def hidden_in_plate(rng: np.random.RandomState, name: str) -> Hidden:
+    """An effect of one plate, from visible to strong."""
+    side, sign = str(rng.choice(["left", "right"])), float(rng.choice([-1.0, 1.0]))
+    match name:
+        case "plate_gain":
+            parameters = {"gain": float(rng.choice([-_log(rng, 0.2, 0.5), _log(rng, 0.3, 0.9)]))}
+        case "plate_offset":
+            parameters = {"offset": sign * _log(rng, 0.5, 5.0)}
+        case "plate_lag":
+            parameters = {"time_constant": _log(rng, 300.0, 3600.0)}
+        case "plate_resistance":
+            parameters = {"resistance": _log(rng, 0.002, 0.025)}
+        case _:
+            raise ValueError(f"unknown effect of a plate {name!r}")
+    return Hidden(name, side, parameters)
+
+
+def record_of(logged: str, kind: str, number: int) -> Spec:
+    """One record."""
+    rng = np.random.RandomState([SEED, list(LOGGED).index(logged), KINDS.index(kind), number])
+    own = int(rng.randint(2**31))
+    spec = replace(campaign(rng, own), days=DAYS, step=STEP, offset_std=0.0, noise="white")
+    positions = tuple(round(spec.length * place, 3) for place in LOGGED[logged])
+    spec = replace(spec, positions=positions, plates=("left", "right"), flux_noise_std=0.3)
+    if kind == "nothing":
+        return spec
+    if kind.startswith("plate_"):
+        return replace(spec, effects=(hidden_in_plate(rng, kind),))
+    beside = replace(spec, positions=(round(0.2 * spec.length, 3), round(0.8 * spec.length, 3)))
+    return replace(spec, effects=hide(rng, beside, kind).effects)  # interfaces lie between these places
+
+
+def diagnosed(logged: str, kind: str, number: int) -> dict:
+    """The outcome of one record."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import wallid
+
+    spec = record_of(logged, kind, number)
+    outcome = {"logged": logged, "kind": kind, "number": number, "hidden": [list(one) for one in spec.effects]}
+    with tempfile.TemporaryDirectory() as folder:
+        truth = write_case(spec, folder)["truth"]
+        began = time.perf_counter()
+        found = wallid.diagnose(wallid.load(folder))
+        outcome["seconds"] = time.perf_counter() - began
+    entries = found.to_dict()
+    outcome |= {"verdict": entries["verdict"], "effects": entries["effects"], "incomplete": found.incomplete}
+    for name in ("diffusivity", "resistance"):
+        low, high = entries[name]["interval_95"]
+        outcome[name] = {"truth": float(truth[name]), "value": entries[name]["value"], "interval_95": [low, high]}
+    return outcome
+
+
+def names_of(outcome: dict) -> set[tuple[str, str | None]]:
+    """The named effects and their alternatives, where there is one named effect; empty otherwise."""
+    if len(outcome["effects"]) != 1:
+        return set()
+    (named,) = outcome["effects"]
+    return {(one["name"], one["target"]) for one in (named, *named["alternatives"])}
+
+
+def is_told(outcome: dict) -> bool:
+    """Whether the verdict is right: adequate where nothing is hidden, else the hidden effect is among the names."""
+    if not outcome["hidden"]:
+        return outcome["verdict"] == "adequate"
+    (name, target, _), names = outcome["hidden"][0], names_of(outcome)
+    return (name, target) in names
+
+
+def summary(outcomes: list[dict]) -> str:
+    """A table: for each kind the share told, the names in the median, and the shares of intervals with the truth."""
+
+    def rate(flags: Iterator[bool]) -> str:
+        all_flags = [bool(flag) for flag in flags]
+        low, high = interval(sum(all_flags), len(all_flags))
+        return f"{sum(all_flags):4d} of {len(all_flags):4d} ({low:4.0%} to {high:4.0%})"
+
+    def holds(outcome: dict, name: str) -> bool:
+        low, high = outcome[name]["interval_95"]
+        return low <= outcome[name]["truth"] <= high
+
+    lines = []
+    for logged in LOGGED:
+        lines.append(f"{logged}: told; names; diffusivity; resistance in its interval")
+        for kind in KINDS:
+            own = [one for one in outcomes if (one["logged"], one["kind"]) == (logged, kind)]
+            if not own:
+                continue
+            names = [len(names_of(one)) for one in own if names_of(one)]
+            shares = [rate(holds(one, name) for one in own) for name in ("diffusivity", "resistance")]
+            told = rate(is_told(one) for one in own)
+            median = f"{np.median(names):.0f}" if names else "-"
+            lines.append(f"  {kind:<22} {told}  {median:>2}  {shares[0]}  {shares[1]}")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Run what the log does not have yet, and print the summary."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--records", type=int, default=40, help="of each kind")
+    parser.add_argument("--log", type=Path, default=Path("plates.jsonl"))
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    parser.add_argument("--logged", nargs="*", default=list(LOGGED))
+    arguments = parser.parse_args()
+    done = [json.loads(line) for line in arguments.log.read_text().splitlines()] if arguments.log.exists() else []
+    known = {(one["logged"], one["kind"], one["number"]) for one in done}
+    tasks = [
+        (logged, kind, number)
+        for number in range(arguments.records)
+        for logged in arguments.logged
+        for kind in KINDS
+        if (logged, kind, number) not in known
+    ]
+    with (
+        ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool,
+        arguments.log.open("a") as log,
+    ):
+        for future in as_completed([pool.submit(diagnosed, *task) for task in tasks]):
+            outcome = future.result()
+            done.append(outcome)
+            log.write(json.dumps(outcome) + "\n")
+            log.flush()
+    print(summary(done))
+
+
+if __name__ == "__main__":
+    main()
