@@ -401,15 +401,6 @@ class Slab:
         Cubics through the four nearest nodes on the same side of every interface; a face is a node where no
         film hides it.
         """
-        return self._weights(positions, slope=False)
-
-    def outward_flux(self, sides):
-        """The same weights for `-k dT/dx` at faces, k relative to the base wall's, K/m."""
-        ends = {"left": (0.0, self.k[0]), "right": (self.length, self.k[-1])}
-        weights = self._weights([ends[side][0] for side in sides], slope=True)
-        return -np.array([ends[side][1] for side in sides])[:, None] * weights
-
-    def _weights(self, positions, slope):
         nodes = np.concatenate([[0.0], self.centres, [self.length]])
         usable = np.concatenate([[self.extra[0] == 0], np.ones(self.width.size, bool), [self.extra[-1] == 0]])
         piece = np.concatenate([self.piece[:1], self.piece, self.piece[-1:]])
@@ -419,8 +410,19 @@ class Slab:
             near = own[np.argsort(np.abs(nodes[own] - x), kind="stable")[:4]]
             for node in near:
                 others = nodes[near[near != node]]
-                basis = np.poly1d(others, r=True) / np.prod(nodes[node] - others)
-                weights[row, node] = (basis.deriv() if slope else basis)(x)
+                weights[row, node] = np.prod((x - others) / (nodes[node] - others))
+        return weights
+
+    def outward_flux(self, sides):
+        """The same weights for `-k dT/dx` at faces, k relative to the base wall's, K/m.
+
+        What leaves the outermost cell: it converges with the square of the width, a slope of the field does not.
+        """
+        weights = np.zeros((len(sides), self.width.size + 2))
+        for row, side in enumerate(sides):
+            face, inside = (0, 1) if side == "left" else (-1, -2)
+            conductance = 1 / (self.path[face] + self.extra[face])
+            weights[row, [face, inside]] = np.array([1, -1]) * conductance * (1 if side == "left" else -1)
         return weights
 
 
@@ -751,7 +753,7 @@ def clean(spec: Spec, *, cells=CELLS, tolerance=1e-7) -> dict:
     `resistance` (m2 K/W, between the faces); `positions`, `offsets`, `gains`.
     """
     drive = weather(spec, spin_up(spec))
-    time, cells = drive["time"], cells * (1 + bool(spec.plates))  # a flux converges more slowly than a temperature
+    time = drive["time"]
     first = round(-time[0] / FINE_STEP)
     rows = first + np.arange(spec.rows) * round(spec.step / FINE_STEP)
     positions, offsets = placed(spec)
@@ -799,14 +801,16 @@ def clean(spec: Spec, *, cells=CELLS, tolerance=1e-7) -> dict:
         fluxes[:, number] = (1 + gains[number]) * course[rows]
         fluxes[:, number] += sum(p["offset"] for p in spec.of("plate_offset", side))
     effective = Slab(spec).effective
+    resistance = spec.length / spec.conductivity * Slab(spec).relative_resistance
     for p in spec.of("temperature_dependent_conductivity"):
         effective *= 1 + p["slope"] * (final - T0)
+        resistance /= 1 + p["slope"] * (final - T0)
     for p in spec.of("temperature_dependent_capacity"):
         effective /= 1 + p["slope"] * (final - T0)
     return {
         "drive": drive, "rows": rows, "T0": final, "diffusivity": effective, "positions": positions,
         "offsets": offsets, "courses": readings, "fluxes": fluxes, "gains": gains,
-        "resistance": spec.length / spec.conductivity * Slab(spec).relative_resistance,
+        "resistance": resistance,
         "readings": np.stack([course[rows] for course in readings.values()], axis=1),
     }  # fmt: skip
 

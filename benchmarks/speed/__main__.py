@@ -27,7 +27,7 @@ from benchmarks.speed.measure import AbsentError, Measured, machine, measuring
 from benchmarks.speed.table import as_markdown, scaling_figure
 
 TURNS, TURN, ALONE = 15, 0.2, 2.0  # rounds; seconds of repeated runs in one of them, and of who runs alone
-WORKS = ("simulate", "sweep", "campaign", "learn", "orders", "estimate", "oed", "walls", "scaling", "cold")
+WORKS = ("simulate", "sweep", "campaign", "learn", "orders", "estimate", "filter", "oed", "walls", "scaling", "cold")
 
 
 def measured(works: list[str], console: Console) -> Iterator[tuple[str, dict[str, Measured], dict[str, str]]]:
