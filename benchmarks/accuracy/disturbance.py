@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
@@ -90,11 +91,8 @@ def simulated(kind: Kind, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
     )
 
 
-def estimated(kind: Kind, number: int, option: str) -> dict:
-    """What `estimate` says of one record."""
-    import jax
-
-    jax.config.update("jax_enable_x64", True)
+def case_of(kind: Kind, number: int, **choices: Any) -> Any:
+    """One record as a case, with some `[choices]`."""
     import wallid
     from wallid.case.options import Choices
 
@@ -109,9 +107,18 @@ def estimated(kind: Kind, number: int, option: str) -> dict:
     )  # fmt: skip
     sensors = tuple(wallid.Sensor(n, LENGTH * x, noise_std=SENSOR_STD) for n, x in zip(names, PLACES, strict=False))
     wall = wallid.Wall(length=LENGTH, diffusivity_prior=7e-7, outside="right")
-    choices = Choices(initial_profile=1 if with_plates else 2, model="lom", disturbance=option)
-    case = wallid.Case("slab", Path("case.toml"), wall, sensors, record, choices)
-    fit = wallid.estimate(case)
+    chosen = Choices(initial_profile=1 if with_plates else 2, model="lom", **choices)
+    return wallid.Case("slab", Path("case.toml"), wall, sensors, record, chosen)
+
+
+def estimated(kind: Kind, number: int, option: str) -> dict:
+    """What `estimate` says of one record."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import wallid
+
+    fit = wallid.estimate(case_of(kind, number, disturbance=option))
     found = {"diffusivity": (fit.value, fit.std, fit.interval_95, DIFFUSIVITY)}
     if fit.thermal is not None:
         R, C = fit.thermal.resistance, fit.thermal.areal_heat_capacity

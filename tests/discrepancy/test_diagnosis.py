@@ -160,10 +160,11 @@ def test_beside_an_effect_that_explains_much_little_is_left_to_its_own_form(expl
     search = StepwiseSelection(fits)
     ranked = fits.score_candidates(found.after)
     explained_by_it = fits.plain_model_with_noise_of(found.after).cost - found.after.cost
-    assert search._threshold(ranked) == pytest.approx(
+    by_readings = ranked.effect(int(np.argmin(ranked.by_chance.weight)))
+    assert search._threshold(ranked, by_readings) == pytest.approx(
         max(ranked.threshold(FURTHER_EFFECT_LEVEL), 1e-3 * explained_by_it)
     )
-    assert search._threshold(fits.score_candidates(found.before)) == pytest.approx(
+    assert search._threshold(fits.score_candidates(found.before), by_readings) == pytest.approx(
         fits.score_candidates(found.before).threshold(FURTHER_EFFECT_LEVEL), rel=0.2
     )
 
@@ -276,12 +277,3 @@ def test_the_text_says_verdict_sizes_and_the_ranked_table(explained):
         (row.expected_gain for row in found.table), reverse=True
     )
     assert all(row.reason for row in found.table)
-
-
-def test_without_an_inner_sensor_and_a_plate_the_refusal_says_what_to_do(explained):
-    found, _ = explained(noise="white")
-    case = found.problem.case
-    record = replace(case.record, names=(), sensors=np.empty((case.record.rows, 0)))
-    choices = replace(case.choices, initial_profile=0)
-    with pytest.raises(wallid.InputError, match="add one"):
-        wallid.diagnose(replace(case, sensors=(), record=record, choices=choices))

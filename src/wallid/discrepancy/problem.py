@@ -230,15 +230,10 @@ def diagnosis_problem(case: Case) -> DiagnosisProblem:
         The model with all effects, the readings, and the parameters with their priors and bounds.
 
     Raises:
-        InputError: the case has neither an inner sensor nor a plate, or none has a reading in the rows used.
+        InputError: no inner sensor and no plate has a reading in the rows used.
         RuntimeError: 64-bit floats are switched off.
     """
     require_x64()
-    if not case.sensors and not fluxes_of(case):
-        raise InputError(
-            f"{case.path}: no [[sensor]], and no flux in [record]: a diagnosis needs a temperature inside the wall or "
-            "a heat flux plate on a face; add one"
-        )
     window = diagnosis_window(case)
     record = case.record.window(window.row, window.rows)
     readings = _readings(case, record)

@@ -93,7 +93,7 @@ def screen(case: Case) -> Screening:
         case: the case; its window is the entire record, or `[choices] diagnose_days`.
 
     Raises:
-        InputError: the case has no inner sensor, or no inner sensor has a reading.
+        InputError: no inner sensor and no plate has a reading.
         RuntimeError: 64-bit floats are switched off.
     """
     problem = diagnosis_problem(case)

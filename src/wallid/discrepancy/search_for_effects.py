@@ -42,7 +42,7 @@ def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
         The verdict, the named effects with their sizes, and the diffusivity with them in the model.
 
     Raises:
-        InputError: the case has no inner sensor, or no inner sensor has a reading.
+        InputError: no inner sensor and no plate has a reading.
         RuntimeError: 64-bit floats are switched off.
 
     Example:

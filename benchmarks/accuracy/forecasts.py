@@ -1,0 +1,101 @@
+"""Whether the 95 % bands of forecasts hold the readings, where heat enters the wall that no column explains.
+
+`python -m benchmarks.accuracy.forecasts`
+
+The records are those of `benchmarks.accuracy.disturbance`, by other seeds: two sensors, or two plates; heat in the
+whole wall or behind a face, with a memory of 3 hours or 2 days. The last day of each is forecast from the days before,
+given the faces. What is counted are the readings 1, 6 and 24 hours after the origin.
+
+Each origin's outcome is appended to a log of JSON lines, so that a long run goes on where it ended.
+"""
+
+import argparse
+import json
+import os
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.accuracy.discrepancy.score import interval
+from benchmarks.accuracy.disturbance import DAYS, MEMORIES, STEP, Kind, case_of
+
+HOURS = (1.0, 6.0, 24.0)
+FIRST = 100_000  # number of the first record: none of them was estimated before
+KINDS = tuple(Kind(logged, heat, memory) for (logged, heat), memory in product(
+    (("sensors", "wall"), ("plates", "face")), MEMORIES
+))  # fmt: skip
+
+
+def forecast(kind: Kind, number: int) -> dict:
+    """The errors over their standard deviations at some hours after one origin."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import wallid
+
+    case, step = case_of(kind, FIRST + number), STEP[kind.logged]
+    origin = (DAYS[kind.logged] - 1.0) * 86400.0
+    found = wallid.forecast(case, origin, 24.0)
+    measured = np.asarray(found.measured)[found.first :]
+    z = (measured - found.mean) / found.std
+    rows = {hours: min(round(hours * 3600.0 / step), len(z)) - 1 for hours in HOURS}
+    return asdict(kind) | {
+        "number": number,
+        "disturbance": found.disturbance is not None,
+        "z": {f"{hours:g}": z[row].tolist() for hours, row in rows.items()},
+        "day": float(np.mean(np.abs(z) <= 1.96)),
+    }
+
+
+def summary(outcomes: list[dict]) -> str:
+    """The share of readings in their bands, by hours after the origin, and of the whole day."""
+    lines = []
+    for kind in (*KINDS, None):
+        own = [o for o in outcomes if kind is None or all(o[key] == value for key, value in asdict(kind).items())]
+        if not own:
+            continue
+        texts = []
+        for hours in HOURS:
+            z = np.concatenate([o["z"][f"{hours:g}"] for o in own])
+            hits = int(np.sum(np.abs(z) <= 1.96))
+            low, high = interval(hits, len(z))
+            texts.append(f"{hours:g} h {hits / len(z):.1%} ({low:.1%} to {high:.1%}; spread of z {z.std():.2f})")
+        name = "all" if kind is None else f"{kind.logged}, {kind.heat}, {kind.memory:g} h"
+        day = np.mean([o["day"] for o in own])
+        lines.append(f"{name:<22} {len(own):4d} origins: {'; '.join(texts)}; the day {day:.1%}")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Run what the log does not have yet, and print the summary."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--origins", type=int, default=400)
+    parser.add_argument("--log", type=Path, default=Path("forecasts.jsonl"))
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    arguments = parser.parse_args()
+    done = [json.loads(line) for line in arguments.log.read_text().splitlines()] if arguments.log.exists() else []
+    known = {(o["logged"], o["heat"], o["memory"], o["number"]) for o in done}
+    tasks = [
+        (kind, number)
+        for number in range(-(-arguments.origins // len(KINDS)))
+        for kind in KINDS
+        if (kind.logged, kind.heat, kind.memory, number) not in known
+    ]
+    with (
+        ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool,
+        arguments.log.open("a") as log,
+    ):
+        for future in as_completed([pool.submit(forecast, *task) for task in tasks]):
+            outcome = future.result()
+            done.append(outcome)
+            log.write(json.dumps(outcome) + "\n")
+            log.flush()
+    print(summary(done))
+
+
+if __name__ == "__main__":
+    main()
