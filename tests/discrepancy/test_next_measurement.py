@@ -160,7 +160,7 @@ def test_every_action_has_a_probability_and_the_page_of_numbers_its_keys(found):
     assert shares == sorted(shares) and shares[0] >= 0.0 and shares[-1] <= 1.0
     assert 0.0 <= prescription.now <= 1.0 and len(prescription.curve) == 9
     assert all(0.0 <= chance <= 1.0 for _, chance in prescription.curve)
-    assert {"sensor", "heating", "shade", "longer"} == set(prescription.tried)
+    assert {"sensor", "flux_plate", "heating", "shade", "longer"} == set(prescription.tried)
     entries = prescription.to_dict(lambda effect: found.problem.target_name(effect.effect))
     assert entries["separate"][0] == {"name": "surface_film", "target": "left"}
     assert {"separate", "now", "actions"} == set(entries)

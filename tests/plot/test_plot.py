@@ -256,8 +256,8 @@ def _drawing_functions():
 
 def test_every_panel_takes_its_axes_by_name_or_makes_its_own():
     functions = {function.__name__: inspect.signature(function).parameters for function in _drawing_functions()}
-    helpers = {"colour_limit", "figure", "flux_interval", "reading_interval", "regressor_quantities", "sensor_colour",
-               "shared_colour_bar", "shared_legend", "style"}  # fmt: skip
+    helpers = {"colour_limit", "figure", "flux_interval", "reading_interval", "regressor_quantities", "residual_scale",
+               "sensor_colour", "shared_colour_bar", "shared_legend", "style"}  # fmt: skip
     others = {name for name in plot.__all__ if inspect.isfunction(getattr(plot, name))} - set(functions)
     assert others == helpers | {"convergence"}
     for name, parameters in functions.items():

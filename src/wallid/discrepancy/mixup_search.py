@@ -34,6 +34,7 @@ _FITTED = 4  # hypotheses that are fitted in full, at most
 _WORTH_FITTING = 0.5  # of the gain that is needed, and of the best gain, to first order
 _CLEAR_GAIN = 40.0  # drop of -2 log L for a mix-up: far more than the best of some hundred hypotheses by chance
 _HOUR = 3600.0
+_LAGS = (0.25, 1.0)  # h, from which the fit of a lag starts
 _THICK = 5.0  # m, from which on another unit of length is tried
 
 
@@ -150,6 +151,23 @@ def wrong_length_unit(plain: EffectFit) -> MixupFit | None:
         f"{f' ({values}, which the readings cannot exclude)' if others else ''}"
     )
     return MixupFit(Mixup("length_unit", (), words), fits[unit][1], deviance(close[unit], plain.noise))
+
+
+def is_rather_a_lag(plain: EffectFit, mixup_fit: MixupFit) -> bool:
+    """Whether a lag of one instrument explains the readings far better than a late clock of the same instrument."""
+    mixup = mixup_fit.mixup
+    if mixup.kind != "clock" or len(mixup.targets) != 1:
+        return False
+    problem, (column,) = plain.problem, mixup.targets
+    kind, target = ("sensor_lag", column)
+    if column in FACE_COLUMNS:
+        kind, target = "face_lag", column.removesuffix(" face")
+    elif column not in problem.record.names:
+        kind, target = "plate_lag", column.removeprefix("flux_")
+    lag = next(one for one in problem.library if one.effect.name == kind and problem.target_name(one.effect) == target)
+    starts = (plain.parameters.with_values({lag.names[0]: _HOUR * hours}) for hours in _LAGS)
+    fits = [refit(problem, (lag,), start, plain.noise) for start in starts]
+    return any(deviance(fit, plain.noise) + RIVAL < mixup_fit.deviance for fit in fits)
 
 
 def _scaled(case: Case, metres: float) -> Case:

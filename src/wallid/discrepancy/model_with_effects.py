@@ -179,21 +179,45 @@ def face_impulse_response(model: ModelWithEffects, parameters: Parameters) -> np
     return np.asarray(_impulses(model, parameters))
 
 
+def face_change_response(
+    model: ModelWithEffects, parameters: Parameters, changes: Float[np.ndarray, "change interval power face"]
+) -> np.ndarray:
+    """The response of the readings to changes of the face temperatures, `(change, time, instrument)`.
+
+    Args:
+        changes: coefficients of the powers of s, from 0 at a row to 1 at the next, K.
+    """
+    return np.asarray(_responses(model, parameters, on_device(changes)))
+
+
+@eqx.filter_jit
+def _responses(
+    model: ModelWithEffects, parameters: Parameters, changes: Float[Array, "change interval power face"]
+) -> Float[Array, "change time instrument"]:
+    return jax.lax.map(lambda change: _response(model, parameters, change), changes)
+
+
+def _response(
+    model: ModelWithEffects, parameters: Parameters, change: Float[Array, "interval power face"]
+) -> Float[Array, "time instrument"]:
+    forcing = model.forcing
+
+    def terms(size: Array) -> Terms:
+        disturbed = eqx.tree_at(lambda m: m.forcing.faces, model, forcing.faces + size * change)
+        return disturbed.terms(parameters, linear=True)
+
+    plain, changed = jax.jvp(terms, (jnp.zeros(()),), (jnp.ones(()),))
+    return face_response(plain, changed.faces, forcing, model.diffusivity(parameters))
+
+
 @eqx.filter_jit
 def _impulses(model: ModelWithEffects, parameters: Parameters) -> Float[Array, "face time instrument"]:
-    forcing = model.forcing
-    zeros = jnp.zeros_like(forcing.faces)
+    zeros = jnp.zeros_like(model.forcing.faces)
 
     def response(side: int) -> Array:
         # an error at the second row, which has a line before it; the first row is cut off below
         triangle = zeros.at[0, 1, side].set(1.0).at[1, 0, side].set(1.0).at[1, 1, side].set(-1.0)
-
-        def terms(size: Array) -> Terms:
-            disturbed = eqx.tree_at(lambda m: m.forcing.faces, model, forcing.faces + size * triangle)
-            return disturbed.terms(parameters, linear=True)
-
-        plain, change = jax.jvp(terms, (jnp.zeros(()),), (jnp.ones(()),))
-        return face_response(plain, change.faces, forcing, model.diffusivity(parameters))
+        return _response(model, parameters, triangle)
 
     both = jnp.stack([response(0), response(1)])
     return jnp.concatenate([both[:, 1:], both[:, -1:]], axis=1)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from .._internal.arrays import on_device
 from .._internal.errors import InputError
@@ -31,6 +32,7 @@ from ..inference.parameters import Parameter, Parameters, kind_of, target_of
 from ..inference.validity import distinguishable_range
 from ..models.flux_plates import (
     face_noise_of_model,
+    faces_of_model,
     flux_noise_std,
     flux_readings,
     fluxes_of,
@@ -44,7 +46,7 @@ from .effects.catalogue import library
 from .effects.heat_sources import AIRS
 from .effects.search_range import SearchRange, search_range_of_record
 from .forward.time_stepping import MAX_SUBSTEP
-from .model_with_effects import DEPTH_SIGNS, ModelWithEffects, face_impulse_response
+from .model_with_effects import DEPTH_SIGNS, ModelWithEffects, face_change_response, face_impulse_response
 from .record_forcing import forcing_of_window
 
 _PLAIN_KINDS = (SensorOffsets(), SensorPositions(), FacePositions(), CommonNoise())
@@ -187,9 +189,24 @@ class DiagnosisProblem:
         """
         bins = self.bins if bins is None else bins
         positions = parameters.of_kind(SensorPositions.kind, FacePositions.kind)
-        response = face_impulse_response(self.model, parameters.with_values(dict.fromkeys(positions, 0.0)))
+        stated = parameters.with_values(dict.fromkeys(positions, 0.0))
+        response = face_impulse_response(self.model, stated)
         face_std, errors = face_noise_of_model(self.case)
-        return noise_shape_of_record(self.record, response, bins, self.spacing, self.noise_stds, face_std, errors)
+        bending = self._bending_of_faces(stated, bins) if fluxes_of(self.case) else None
+        return noise_shape_of_record(
+            self.record, response, bins, self.spacing, self.noise_stds, face_std, errors, bending
+        )
+
+    def _bending_of_faces(self, parameters: Parameters, bins: BinnedReadings) -> Float[np.ndarray, "error reading"]:
+        """The effect of how the faces bend between their rows on the binned readings, fluxes among them."""
+        window, record = diagnosis_window(self.case), self.record
+        filtered = faces_of_model(self.case)[0][window.as_slice]
+        courses = self.case.record.face_errors.bent_courses(record.faces, filtered, record.step)
+        changes = np.zeros((4, *courses.shape[2:], 2))
+        for k, (part, side) in enumerate(np.ndindex(2, 2)):
+            changes[k, ..., side] = courses[part, side]
+        responses = face_change_response(self.model, parameters, changes)
+        return np.stack([np.asarray(bins.mean(on_device(response))) for response in responses])
 
     def estimated_names(self, active: tuple[EffectParameters, ...]) -> tuple[str, ...]:
         """The names of the parameters that a fit with these effects estimates."""

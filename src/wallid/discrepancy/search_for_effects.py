@@ -15,7 +15,7 @@ from .compilation import compile_together
 from .cross_validation import cross_validate
 from .diagnosis_result import Diagnosis
 from .effect_fit import EffectFit
-from .mixup_search import MixupFit, best_mixup, copied_sensor, wrong_length_unit
+from .mixup_search import MixupFit, best_mixup, copied_sensor, is_rather_a_lag, wrong_length_unit
 from .next_measurement.search import what_to_measure
 from .problem import diagnosis_problem
 from .score_test import CandidateScores
@@ -100,7 +100,7 @@ def _complete_mixup(plain: _PlainModel, progress: Progress) -> MixupFit | None:
         return None
     progress("diagnose: trying mix-ups of columns, units and clocks", 0.4)
     best = best_mixup(plain.fit, plain.fit.noise)
-    if best is not None and not screen(best.case).missing:
+    if best is not None and not is_rather_a_lag(plain.fit, best) and not screen(best.case).missing:
         return best
     return wrong_length_unit(plain.fit)  # another diffusivity, but the readings are explained no better
 

@@ -35,6 +35,7 @@ def noise_shape_of_record(
     sensor_std: np.ndarray,
     face_std: float,
     face_errors: FaceErrors,
+    bending: Float[np.ndarray, "error reading"] | None = None,
 ) -> NoiseShape:
     """The structure of the noise covariance of the binned readings.
 
@@ -46,9 +47,12 @@ def noise_shape_of_record(
         face_std: of a face's, K; 0 where the model's inputs are the readings without their noise.
         face_errors: what the faces do between rows; `FaceErrors.none()` where it is part of a noise that is estimated
             from the residual.
+        bending: effect on the binned readings of one standard deviation of how the faces bend; None where it follows
+            from the response, as that of temperatures does.
     """
     gaps = gap_errors(record.fill_std, record.boundary_noise_std, response, bins)
-    bending = bending_errors(face_errors.bendings(record.faces, record.step), response, bins)
+    if bending is None:
+        bending = bending_errors(face_errors.bendings(record.faces, record.step), response, bins)
     errors = face_errors.autocovariance
     response, bins, errors = restricted_to_reading_rows(response, bins, spacing, errors)
     return NoiseShape(response, bins, sensor_std, face_std, errors, np.concatenate([gaps, bending]))

@@ -103,7 +103,7 @@ def faces_of_model(case: Case) -> tuple[Float[np.ndarray, "time face"], Float[np
 def face_noise_of_model(case: Case) -> tuple[float, FaceErrors]:
     """The noise of the temperatures that drive the model, K, and what they do between rows.
 
-    With plates the noise is estimated from the residual, which has both in it: what is left is the error of the filter.
+    With plates the noise of the faces is that of the filter's error.
     """
     if fluxes_of(case):
         return 0.0, case.record.face_errors.of_filtered

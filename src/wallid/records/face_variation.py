@@ -87,6 +87,30 @@ class FaceErrors:
         """The errors of readings without their noise, alone."""
         return FaceErrors(self.filtered_autocovariance, np.zeros((2, 1)), (0.0, 0.0))
 
+    def bent_courses(
+        self, faces: Float[np.ndarray, "time face"], filtered: Float[np.ndarray, "time face"], step: float
+    ) -> Float[np.ndarray, "part face interval power"]:
+        """One standard deviation of the change of each face between its rows by how its slow and fast parts bend.
+
+        Args:
+            faces: readings at uniform rows, degC.
+            filtered: the same without their noise; the sum of the slow and the fast part.
+            step: from row to row, s.
+
+        Returns:
+            coefficients of the powers of s, from 0 at a row to 1 at the next, K.
+        """
+        slow = np.stack(
+            [_slow_part(face, step, weights) for face, weights in zip(faces.T, self.slow_weights, strict=True)]
+        )
+        courses = (slow, filtered.T - slow)
+        return np.stack(
+            [
+                np.stack([std * _line_minus_cubic(face) for face in part])
+                for std, part in zip(self.bending_std, courses, strict=True)
+            ]
+        )
+
     def filtered(self, faces: Float[np.ndarray, "time face"], step: float) -> Float[np.ndarray, "time face"]:
         """The readings without their noise, degC.
 
@@ -236,6 +260,15 @@ def from_cubics_to_lines(values: Float[np.ndarray, " time"]) -> np.ndarray:
         return np.zeros(len(values))
     inside = np.convolve(values, weights, mode="valid")
     return np.concatenate([np.zeros(2), inside, np.zeros(2)])
+
+
+def _line_minus_cubic(values: np.ndarray) -> Float[np.ndarray, "interval power"]:
+    """Coefficients in s of the straight line minus the monotone cubic in each interval between rows."""
+    rows = np.arange(len(values))
+    cubic = scipy.interpolate.PchipInterpolator(rows, values).c[::-1].T
+    line = np.zeros_like(cubic)
+    line[:, 0], line[:, 1] = values[:-1], np.diff(values)
+    return line - cubic
 
 
 def of_means(autocovariance: Float[np.ndarray, " lag"], rows: int) -> np.ndarray:

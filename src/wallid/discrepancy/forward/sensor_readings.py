@@ -24,16 +24,16 @@ def apply_instrument_effects(
         terms: with the terms of the instruments.
         forcing: with the step, T0 and the plates.
         value: temperatures at the sensors, degC, then fluxes at the plates over the conductivity, K/m.
-        rate: their time derivatives, per s.
+        rate: their time derivatives, per s; those of the fluxes are not used.
     """
     sensors = forcing.sensor_positions.shape[0]
     temperatures = apply_sensor_effects(terms, forcing, value[:, :sensors], rate[:, :sensors])
-    fluxes = apply_plate_effects(terms, forcing, value[:, sensors:], rate[:, sensors:])
+    fluxes = apply_plate_effects(terms, forcing, value[:, sensors:])
     return jnp.concatenate([temperatures, fluxes], axis=1)
 
 
 def apply_plate_effects(
-    terms: Terms, forcing: ForcingData, value: Float[Array, "time plate"], rate: Float[Array, "time plate"]
+    terms: Terms, forcing: ForcingData, value: Float[Array, "time plate"]
 ) -> Float[Array, "time plate"]:
     """The readings of the plates, W/m2, `(time, plate)`.
 
@@ -41,11 +41,13 @@ def apply_plate_effects(
 
         reading = (1 + gain) y + offset
 
+    Between rows q is the cubic with the slopes of its central differences: where the course of a face bends, at a row,
+    the slope of the flux has no limit.
+
     Args:
         terms: with the conductivity k and the terms of the plates.
         forcing: with the step, T0 and the plates.
         value: fluxes over the conductivity, K/m, positive along +x.
-        rate: their time derivatives, K/m/s.
     """
     plates = jnp.array(forcing.plates, dtype=int)
     if not forcing.plates:
@@ -54,7 +56,8 @@ def apply_plate_effects(
     t = jnp.arange(value.shape[0]) * forcing.step
     factor = conductivity_factor(terms.conductivity_slope, faces)
     factor = terms.conductivity * factor * diffusivity_factor(terms.drift, terms.wettings, t)[:, None]
-    y = _lagged(factor * value, factor * rate, terms.plate_lag[plates], forcing.step)
+    flux = factor * value
+    y = _lagged(flux, jnp.asarray(jnp.gradient(flux, axis=0)) / forcing.step, terms.plate_lag[plates], forcing.step)
     return (1.0 + terms.plate_gain[plates]) * y + terms.plate_offset[plates]
 
 

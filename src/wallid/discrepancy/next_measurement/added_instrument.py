@@ -119,8 +119,13 @@ class RecordWithFirstSensor(_RecordWithInstrument):
 
 
 def records_with_instrument(present: PresentRecord) -> Iterator[CandidateRecord]:
-    """A record with a plate on each face without one; without a sensor inside, one at each of nine places."""
-    case = present.problem.case
-    yield from (RecordWithPlate(present, face) for face in SIDES if face not in fluxes_of(case))
+    """A record with a first plate on the inner face, or a second one on the other; or with the first sensor inside.
+
+    The sensor is tried at each of nine places.
+    """
+    case, plates = present.problem.case, fluxes_of(present.problem.case)
+    yield from (
+        RecordWithPlate(present, face) for face in SIDES if (face not in plates if plates else face == case.wall.inside)
+    )
     if not case.sensors:
         yield from (RecordWithFirstSensor(present, share * case.wall.length) for share in SHARES.tolist())
