@@ -2,16 +2,20 @@
 
 from dataclasses import replace
 
+import equinox as eqx
 import numpy as np
 import pytest
 from benchmarks.reference.simulator_with_effects import DAY, Hidden, write_case
 from numpy.testing import assert_allclose
+from scipy.interpolate import PchipInterpolator
 from studies import SPEC, parameters_at, prepare, slot_of
 
 import wallid
 from wallid.discrepancy.chance_gains import ChanceGains
 from wallid.discrepancy.effects.catalogue import library, untestable
-from wallid.discrepancy.model_with_effects import first_order_columns, linearise, predict
+from wallid.discrepancy.model_with_effects import face_change_response, first_order_columns, linearise, predict
+from wallid.discrepancy.problem import diagnosis_problem
+from wallid.records.face_variation import FaceErrors
 
 WITH_PLATES = replace(SPEC, plates=("left", "right"), flux_noise_std=1e-6)
 SETTLED = slice(36, None)  # rows after the first six hours
@@ -121,6 +125,37 @@ def test_every_parameter_changes_the_fluxes_by_its_derivative(plain):
                 part.reshape(study.instrument_count, -1)[:, SETTLED] for part in (first_order[name], slope)
             )
             assert np.linalg.norm(column - slope) < 6e-3 * np.linalg.norm(slope) + 1e-9, name
+
+
+def test_a_lag_smooths_what_a_plate_has_of_the_faces_errors(plain):
+    """The noise of the faces goes through the wall and then through the plate."""
+    study, true = plain
+    rough = replace(study.case.record, boundary_noise_std=0.1)
+    noisy = diagnosis_problem(replace(study.case, record=rough))
+    without, with_lag = (
+        noisy.noise_shape(at_truth(noisy, true, effects)).stated_rms_of_outputs()
+        for effects in ((), [("plate_lag", "left", {"time_constant": 3600.0})])
+    )
+    assert with_lag[3] < 0.8 * without[3]
+    assert_allclose(np.delete(with_lag, 3), np.delete(without, 3), rtol=1e-9)
+
+
+def test_bends_between_the_rows_are_those_of_lines_instead_of_cubics(plain):
+    """The readings with straight lines minus those with cubics, by two other simulations; the whole face is slow."""
+    study, true = plain
+    faces, step = study.record.faces, study.record.step
+    errors = FaceErrors(np.zeros((2, 1)), np.ones((2, 1)), (0.5, 3.0))
+    slow, fast = errors.bent_courses(faces, faces, step)
+    assert not fast.any()
+    change = 2.0 * np.stack([slow[0], slow[1]], axis=-1)
+    parameters = at_truth(study, true)
+    got = face_change_response(study.model, parameters, change[None])[0]
+    lines = np.stack([faces[:-1], np.diff(faces, axis=0), 0 * faces[1:], 0 * faces[1:]], axis=1)
+    straight = eqx.tree_at(lambda m: m.forcing.faces, study.model, lines)
+    cubics = np.moveaxis([PchipInterpolator(np.arange(len(face)), face).c[::-1].T for face in faces.T], 0, -1)
+    curved = eqx.tree_at(lambda m: m.forcing.faces, study.model, cubics)
+    want = predict(straight, parameters, True) - predict(curved, parameters, True)
+    assert_allclose(got, np.asarray(want), rtol=0, atol=1e-9 * np.abs(faces).max() + 1e-6 * np.abs(want).max())
 
 
 def test_effects_of_plates_need_their_plates():

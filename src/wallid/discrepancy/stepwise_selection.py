@@ -27,6 +27,7 @@ _PARTNERS = 2  # candidates that are refitted together with the best single effe
 _GAIN_MARGIN = 0.35  # relative error allowed for in an expected gain
 _EXCHANGE_MARGIN = 0.2  # the same where one effect is exchanged for another
 _MAX_ROUNDS = 4
+_CLEARLY_BETTER = 0.1  # in penalised -2 log L; effects with the same equation differ by the tolerance of their fits
 
 
 class StepwiseSelection:
@@ -177,7 +178,7 @@ class StepwiseSelection:
                 starts = scores.candidates_of(effect_parameters)[1 : 1 + _STARTS]
                 fits += [self.fits.add_candidates(scores, (k,)) for k in starts]
             for other in fits:
-                if penalised_cost(other) < penalised_cost(best) and self.fits.acceptable(other):
+                if penalised_cost(other) < penalised_cost(best) - _CLEARLY_BETTER and self.fits.acceptable(other):
                     best = other
         return best
 
@@ -218,11 +219,12 @@ class StepwiseSelection:
             }
             exchanged = [other for other in self.rivals if set(base.active) < set(other.active)]
             close = [other for other in exchanged if penalised_cost(other) - penalised_cost(fit) < RIVAL]
-            alternatives = tuple(
+            others = (
                 next(e for e in other.active if e not in base.active)
                 for other in close
                 if not reason_for_refusal(other)
             )
+            alternatives = tuple(dict.fromkeys(other for other in others if other is not effect_parameters))
             named_effects.append(
                 NamedEffect(
                     effect_parameters,
