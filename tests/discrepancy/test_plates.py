@@ -6,6 +6,7 @@ import equinox as eqx
 import numpy as np
 import pytest
 from benchmarks.reference.simulator_with_effects import DAY, Hidden, write_case
+from measured_walls import london
 from numpy.testing import assert_allclose
 from scipy.interpolate import PchipInterpolator
 from studies import SPEC, parameters_at, prepare, slot_of
@@ -298,3 +299,15 @@ def test_one_plate_beside_sensors(diagnosed):
     assert inside(found.quantities["resistance"], true["resistance"])
     low, high = found.quantities["resistance"].interval_95
     assert high / low > np.exp(2 * 1.9 * 0.05), "no surer than the calibration"
+
+
+@pytest.mark.runs_long
+def test_the_london_wall_gets_a_verdict(measured):
+    """Layers near both faces halve the residual; the resistance with them is that of the published fits."""
+    found = wallid.diagnose(london(measured))
+    assert found.verdict in ("named", "confusable", "unnamed")
+    assert found.gap.after < 0.6 * found.gap.before and found.gap.held_out_after < 0.7 * found.gap.held_out_before
+    resistance, capacity = found.quantities["resistance"], found.quantities["areal_heat_capacity"]
+    assert 0.40 < resistance.value < 0.47 and 280e3 < capacity.value < 450e3
+    low, high = resistance.interval_95
+    assert low < 0.42 and high > 0.46

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from benchmarks.reference.analytic_slab import fluxes, refined, temperatures, weather
+from measured_walls import london
 from numpy.testing import assert_allclose
 from pages import check
 from results import SCHEMA
@@ -545,25 +546,6 @@ def test_all_windows_of_fluxes_on_the_command_line(tmp_path):
     page = check((out / "report.html").read_text("utf-8"))
     assert "Thermal resistance" in page.text and "a resistance from face to face of" in page.text
     assert any("m² K/W" in image["alt"] for image in page.images if image["alt"].startswith("Intervals of 2 windows"))
-
-
-def london(measured, **choices):
-    """The London wall: 5 min, three days, two plates, no sensor inside."""
-    table = pd.read_csv(measured / "london_wall" / "owall.csv")
-    time = 300.0 * np.arange(len(table))
-    record = wallid.Record(
-        time,
-        time,
-        None,
-        table[["T_int", "T_ext"]].to_numpy(),
-        np.empty((len(table), 0)),
-        (),
-        regressors={"flux_left": table["Q_in"].to_numpy(), "flux_right": table["Q_out"].to_numpy()},
-        boundary_noise_std=0.05,
-        flux_gain_std=0.05,
-    )
-    wall = wallid.Wall(length=0.4, diffusivity_prior=5e-7, outside="right")
-    return wallid.Case("london", Path("london.toml"), wall, (), record, Choices(initial_profile=1, **choices))
 
 
 def test_the_london_wall_as_a_homogeneous_slab(measured):
