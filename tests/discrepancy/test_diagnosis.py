@@ -162,7 +162,7 @@ def test_beside_an_effect_that_explains_much_little_is_left_to_its_own_form(expl
     explained_by_it = fits.plain_model_with_noise_of(found.after).cost - found.after.cost
     by_readings = ranked.effect(int(np.argmin(ranked.by_chance.weight)))
     assert search._threshold(ranked, by_readings) == pytest.approx(
-        max(ranked.threshold(FURTHER_EFFECT_LEVEL), 1e-3 * explained_by_it)
+        max(ranked.threshold(FURTHER_EFFECT_LEVEL, ranked.weight_of(by_readings)), 1e-3 * explained_by_it)
     )
     assert search._threshold(fits.score_candidates(found.before), by_readings) == pytest.approx(
         fits.score_candidates(found.before).threshold(FURTHER_EFFECT_LEVEL), rel=0.2
