@@ -25,8 +25,9 @@ from wallid.case.options import Choices
 from wallid.cli.commands import app
 from wallid.estimation.iso_9869 import average_method, resistance_over_time
 from wallid.experiment_design.expected_errors import expected_errors, with_expected_errors
+from wallid.inference.common_noise import wiener_filtered_noise
 from wallid.inference.generalised_least_squares import fit_generalised_least_squares
-from wallid.inference.nuisance_parameters import NUISANCE_KINDS, ContactResistances, wiener_filtered_noise
+from wallid.inference.nuisance_kinds import NUISANCE_KINDS, ContactResistances
 from wallid.inference.validity import distinguishable_range
 from wallid.models.flux_plates import full_order_model_with_plates, uninformative_rows
 from wallid.report.page import answer, render_page

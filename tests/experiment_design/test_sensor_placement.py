@@ -15,7 +15,7 @@ from scipy.linalg import block_diag, toeplitz
 import wallid
 from wallid.case.options import Choices
 from wallid.experiment_design.fisher_information import criterion_value, relative_criterion
-from wallid.inference.nuisance_parameters import wiener_filtered_noise
+from wallid.inference.common_noise import wiener_filtered_noise
 
 LENGTH, ALPHA, STEP, ROWS, MODES = 0.4, 7e-7, 3600.0, 72, 8
 pytestmark = pytest.mark.usefixtures("faces_known_in_all_tests")

@@ -21,8 +21,8 @@ import wallid
 from wallid.case.initial_profile import profile_degree, scales
 from wallid.cli.commands import app
 from wallid.estimation import conclusion as conclude
+from wallid.inference.common_noise import wiener_filtered_noise
 from wallid.inference.noise_covariance import NoiseShape, bin_readings, restricted_to_reading_rows
-from wallid.inference.nuisance_parameters import wiener_filtered_noise
 from wallid.inference.position_errors import face_position_response
 from wallid.inference.validity import distinguishable_range
 from wallid.inference.whittle_likelihood import dct_spectrum, edge_spectrum

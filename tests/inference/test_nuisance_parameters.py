@@ -11,13 +11,8 @@ from benchmarks.reference.analytic_slab import weather as fine_weather
 import wallid
 from wallid.case.initial_profile import scales
 from wallid.inference import likelihood
-from wallid.inference.nuisance_parameters import (
-    NUISANCE_KINDS,
-    LinearEffect,
-    NuisanceKind,
-    describe_instrument_error,
-    window_parameters,
-)
+from wallid.inference.nuisance_kinds import NUISANCE_KINDS, LinearEffect, NuisanceKind
+from wallid.inference.nuisance_parameters import describe_instrument_error, window_parameters
 from wallid.inference.parameters import Parameter
 from wallid.models.sensitivity_equations import explicit
 

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from .._internal.arrays import on_device
 from ..inference.likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, PLATE_GAIN, PROFILE_MODE
 from ..inference.noise_covariance import BinnedReadings
-from ..inference.nuisance_parameters import CommonNoise, FacePositions, SensorOffsets, SensorPositions
+from ..inference.nuisance_kinds import CommonNoise, FacePositions, SensorOffsets, SensorPositions
 from ..inference.parameters import Parameters
 from .effects.base import AbstractEffect
 from .effects.equation_terms import ForcingData, Terms

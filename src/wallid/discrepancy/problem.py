@@ -21,13 +21,8 @@ from ..case.wall_and_sensors import SIDES
 from ..inference.likelihood import LOG_DIFFUSIVITY, PLATE_GAIN
 from ..inference.noise_covariance import BinnedReadings, NoiseShape, bin_readings
 from ..inference.noise_of_record import noise_shape_of_record
-from ..inference.nuisance_parameters import (
-    CommonNoise,
-    FacePositions,
-    SensorOffsets,
-    SensorPositions,
-    window_parameters,
-)
+from ..inference.nuisance_kinds import CommonNoise, FacePositions, SensorOffsets, SensorPositions
+from ..inference.nuisance_parameters import window_parameters
 from ..inference.parameters import Parameter, Parameters, kind_of, target_of
 from ..inference.validity import distinguishable_range
 from ..models.flux_plates import (

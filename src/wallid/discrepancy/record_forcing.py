@@ -11,7 +11,7 @@ from ..case.case_definition import Case
 from ..case.initial_profile import fit_profile, profile_mode_count
 from ..case.time_window import Window
 from ..case.wall_and_sensors import SIDES
-from ..inference.nuisance_parameters import common_noise_of_face
+from ..inference.common_noise import common_noise_of_face
 from ..models.finite_volume_wall import Output, layer_nodes, wall_cells
 from ..models.flux_plates import faces_of_model, fluxes_of
 from ..models.window_inputs import full_order_model

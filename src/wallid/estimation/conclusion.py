@@ -16,7 +16,7 @@ from ..inference.gauss_newton import Trace
 from ..inference.generalised_least_squares import fit_generalised_least_squares
 from ..inference.gls_fit import GLSFit
 from ..inference.identifiability import identifiability
-from ..inference.nuisance_parameters import NUISANCE_KINDS, NuisanceKind, WallParameters
+from ..inference.nuisance_kinds import NUISANCE_KINDS, NuisanceKind, WallParameters
 from ..inference.parameters import kind_of, target_of
 from ..inference.parametric_bootstrap import bootstrap
 from ..inference.physical_bounds import HIGHEST, LOWEST, clip_to_physical, limited_log_std

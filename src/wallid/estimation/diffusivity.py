@@ -23,7 +23,7 @@ from ..case.case_definition import Case
 from ..case.initial_profile import scales
 from ..case.time_window import HasBestWindow, Window, as_window, check_unbroken, entire_record
 from ..inference.gls_fit import GLSFit
-from ..inference.nuisance_parameters import NUISANCE_KINDS, NuisanceKind
+from ..inference.nuisance_kinds import NUISANCE_KINDS, NuisanceKind
 from ..inference.physical_bounds import HIGHEST, LOWEST
 from ..inference.weighted_least_squares import fit_weighted_least_squares
 from ..models.flux_plates import fluxes_of, full_order_model_with_plates, with_flux

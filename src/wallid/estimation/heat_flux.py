@@ -27,7 +27,7 @@ from ..case.wall_and_sensors import SIDES
 from ..inference.generalised_least_squares import fit_generalised_least_squares
 from ..inference.gls_fit import GLSFit
 from ..inference.likelihood import LOG_CONDUCTIVITY, PLATE_GAIN, LikelihoodProblem, NuisanceModel
-from ..inference.nuisance_parameters import ContactResistances, contact_lengths
+from ..inference.nuisance_kinds import ContactResistances, contact_lengths
 from ..inference.parameters import kind_of, target_of
 from ..inference.physical_bounds import PHYSICAL_BOUNDS
 from ..inference.quantity import NORMAL_95, Quantity, lognormal, quantity_frame

@@ -18,16 +18,11 @@ from ..case.case_definition import Case
 from ..case.initial_profile import fit_profile, window_temperature_range
 from ..case.time_window import Window
 from ..case.wall_and_sensors import SIDES, Sensor
+from ..inference.common_noise import wiener_filtered_noise
 from ..inference.likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, PLATE_GAIN, PROFILE_MODE
 from ..inference.noise_covariance import MAX_READINGS
-from ..inference.nuisance_parameters import (
-    CONDUCTIVITY_STD,
-    CommonNoise,
-    FacePositions,
-    SensorOffsets,
-    SensorPositions,
-    wiener_filtered_noise,
-)
+from ..inference.nuisance_kinds import CommonNoise, FacePositions, SensorOffsets, SensorPositions
+from ..inference.nuisance_parameters import CONDUCTIVITY_STD
 from ..inference.parameters import kind_of
 from ..inference.position_errors import face_position_flux_jacobian, face_position_jacobian
 from ..models.flux_plates import flux_gain_std, flux_noise_std, fluxes_of, wall_conductance

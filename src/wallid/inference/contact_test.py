@@ -21,7 +21,7 @@ from ..models.flux_plates import fluxes_of, full_order_model_with_plates
 from ..models.sensitivity_equations import simulate_window
 from .gls_fit import GLSFit
 from .likelihood import LOG_CONDUCTIVITY
-from .nuisance_parameters import WallParameters
+from .nuisance_kinds import WallParameters
 
 SIGNIFICANT = 3.0
 """Standard deviations of the score, from which on the contact resistances are estimated: one false alarm in 700."""

@@ -33,7 +33,7 @@ from .gls_fit import GLSFit
 from .kalman_filter import Filtered, LinearGaussianModel, Smoothed, covariance_root, kalman_filter, kalman_smoother
 from .likelihood import LOG_CONDUCTIVITY, predicted_jacobian
 from .noise_covariance import NoiseShape
-from .nuisance_parameters import ContactResistances, WallParameters, contact_lengths
+from .nuisance_kinds import ContactResistances, WallParameters, contact_lengths
 
 _UNKNOWN_STD = 3.0  # of ln(alpha), which has no prior
 _SMALLEST_STD = 1e-9  # of a reading over its noise, so that no reading is exact

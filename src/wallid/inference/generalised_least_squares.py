@@ -34,16 +34,15 @@ from .gls_fit import GLSFit
 from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, LikelihoodProblem, face_response, minimise
 from .noise_covariance import BinnedReadings, NoiseCovariance, NoiseShape, bin_readings
 from .noise_of_record import noise_shape_of_record
-from .nuisance_parameters import (
+from .nuisance_kinds import (
     NUISANCE_KINDS,
     ContactResistances,
     Linearisation,
     NuisanceKind,
     WallParameters,
     contact_lengths,
-    linearise_nuisance,
-    window_parameters,
 )
+from .nuisance_parameters import linearise_nuisance, window_parameters
 from .parameters import Parameters
 from .validity import distinguishable_range
 from .whittle_likelihood import MIN_READINGS, estimate_noise

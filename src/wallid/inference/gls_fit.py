@@ -25,7 +25,8 @@ from .._internal.arrays import on_device
 from .disturbance_search import Disturbance
 from .likelihood import LOG_CONDUCTIVITY, PROFILE_MODE, LikelihoodProblem, Minimum
 from .noise_covariance import NoiseCovariance, NoiseShape
-from .nuisance_parameters import NuisanceKind, instrument_error_kinds
+from .nuisance_kinds import NuisanceKind
+from .nuisance_parameters import instrument_error_kinds
 from .parameters import Parameters, kind_of
 from .profile_interval import Interval, interval_95
 from .whittle_likelihood import projected_sensitivity

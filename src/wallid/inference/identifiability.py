@@ -22,7 +22,8 @@ import numpy as np
 from ..case.case_definition import Case
 from .gls_fit import GLSFit
 from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, PLATE_GAIN, PROFILE_MODE
-from .nuisance_parameters import CommonNoise, WallParameters, describe_instrument_error
+from .nuisance_kinds import CommonNoise, WallParameters
+from .nuisance_parameters import describe_instrument_error
 from .parameters import kind_of, target_of
 
 COLLINEAR = 10.0

@@ -16,7 +16,7 @@ from ...case.wall_and_sensors import Sensor
 from ...experiment_design.fisher_information import typical_sensor
 from ...inference.noise_covariance import BinnedReadings
 from ...inference.noise_of_record import noise_shape_of_record
-from ...inference.nuisance_parameters import FacePositions, SensorOffsets, SensorPositions
+from ...inference.nuisance_kinds import FacePositions, SensorOffsets, SensorPositions
 from ...inference.parameters import Parameters, kind_of, target_of
 from ...models.flux_plates import face_noise_of_model
 from ..effect_fit import EffectFit

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...experiment_design.campaign_plan.typical_case import day_of_year
-from ...inference.nuisance_parameters import SensorPositions
+from ...inference.nuisance_kinds import SensorPositions
 from ...inference.parameters import kind_of, target_of
 from ...records.weather_year import HOURS, WeatherYear, read_weather_year
 from ..effect_fit import EffectFit
