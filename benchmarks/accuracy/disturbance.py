@@ -11,18 +11,16 @@ Each record's outcome is appended to a log of JSON lines, so that a long run goe
 """
 
 import argparse
-import json
 import os
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
 
+from benchmarks.accuracy.resumed_log import resumed
 from benchmarks.reference.analytic_slab import fluxes, heated, temperatures, weather
 
 LENGTH, CONDUCTIVITY, CAPACITY = 0.3, 0.75, 1.5e6
@@ -35,6 +33,8 @@ DAYS = {"sensors": 5.0, "plates": 3.0}
 STEP = {"sensors": 1800.0, "plates": 900.0}  # s
 HEATS, MEMORIES, OPTIONS = ("wall", "face", "nothing"), (3.0, 48.0), ("none", "auto")
 DEPTH = 0.08  # m, of the heat behind a face
+KEYS = ("logged", "heat", "memory", "number")
+"""Where an outcome says which record it is of."""
 SEED = 2801  # fixed before the first record was estimated
 
 
@@ -49,6 +49,11 @@ class Kind:
     @property
     def rows(self) -> int:
         return round(DAYS[self.logged] * 86400.0 / STEP[self.logged])
+
+
+def key_of(kind: Kind, number: int) -> tuple:
+    """The values of `KEYS` of a record."""
+    return kind.logged, kind.heat, kind.memory, number
 
 
 def random_process(count: int, memory: float, rng: np.random.Generator) -> np.ndarray:
@@ -182,27 +187,20 @@ def main() -> None:
     parser.add_argument("--logged", nargs="*", default=list(DAYS))
     parser.add_argument("--options", nargs="*", default=list(OPTIONS))
     arguments = parser.parse_args()
-    done = [json.loads(line) for line in arguments.log.read_text().splitlines()] if arguments.log.exists() else []
-    known = {(o["logged"], o["heat"], o["memory"], o["number"], o["option"]) for o in done}
     kinds = [
         Kind(*one) for one in product(arguments.logged, HEATS, MEMORIES) if one[1] != "nothing" or one[2] == MEMORIES[0]
     ]
     tasks = [
-        (kind, number, option)
-        for number in range(arguments.records)
-        for kind in kinds
-        for option in arguments.options
-        if (kind.logged, kind.heat, kind.memory, number, option) not in known
+        (kind, number, option) for number in range(arguments.records) for kind in kinds for option in arguments.options
     ]
-    with (
-        ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool,
-        arguments.log.open("a") as log,
-    ):
-        for future in as_completed([pool.submit(estimated, *task) for task in tasks]):
-            outcome = future.result()
-            done.append(outcome)
-            log.write(json.dumps(outcome) + "\n")
-            log.flush()
+    done = resumed(
+        arguments.log,
+        tasks,
+        estimated,
+        lambda kind, number, option: (*key_of(kind, number), option),
+        (*KEYS, "option"),
+        arguments.workers,
+    )
     print(summary(done))
 
 

@@ -10,18 +10,16 @@ Each origin's outcome is appended to a log of JSON lines, so that a long run goe
 """
 
 import argparse
-import json
 import os
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.accuracy.discrepancy.score import interval
-from benchmarks.accuracy.disturbance import DAYS, MEMORIES, STEP, Kind, case_of
+from benchmarks.accuracy.disturbance import DAYS, KEYS, MEMORIES, STEP, Kind, case_of, key_of
+from benchmarks.accuracy.resumed_log import resumed
 
 HOURS = (1.0, 6.0, 24.0)
 FIRST = 100_000  # number of the first record: none of them was estimated before
@@ -77,23 +75,8 @@ def main() -> None:
     parser.add_argument("--log", type=Path, default=Path("forecasts.jsonl"))
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     arguments = parser.parse_args()
-    done = [json.loads(line) for line in arguments.log.read_text().splitlines()] if arguments.log.exists() else []
-    known = {(o["logged"], o["heat"], o["memory"], o["number"]) for o in done}
-    tasks = [
-        (kind, number)
-        for number in range(-(-arguments.origins // len(KINDS)))
-        for kind in KINDS
-        if (kind.logged, kind.heat, kind.memory, number) not in known
-    ]
-    with (
-        ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool,
-        arguments.log.open("a") as log,
-    ):
-        for future in as_completed([pool.submit(forecast, *task) for task in tasks]):
-            outcome = future.result()
-            done.append(outcome)
-            log.write(json.dumps(outcome) + "\n")
-            log.flush()
+    tasks = [(kind, number) for number in range(-(-arguments.origins // len(KINDS))) for kind in KINDS]
+    done = resumed(arguments.log, tasks, forecast, key_of, KEYS, arguments.workers)
     print(summary(done))
 
 

@@ -11,20 +11,19 @@ Each record's outcome is appended to a log of JSON lines, so that a long run goe
 """
 
 import argparse
-import json
 import os
 import tempfile
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
-from multiprocessing import get_context
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.accuracy.discrepancy.scenarios import campaign, hide
 from benchmarks.accuracy.discrepancy.score import interval
+from benchmarks.accuracy.resumed_log import resumed
 from benchmarks.reference.simulator_with_effects import Hidden, Spec, write_case
 
 SEED = 2804  # fixed before the first record was diagnosed; 2802 and 2803 showed errors
@@ -145,24 +144,15 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--logged", nargs="*", default=list(LOGGED))
     arguments = parser.parse_args()
-    done = [json.loads(line) for line in arguments.log.read_text().splitlines()] if arguments.log.exists() else []
-    known = {(one["logged"], one["kind"], one["number"]) for one in done}
-    tasks = [
-        (logged, kind, number)
-        for number in range(arguments.records)
-        for logged in arguments.logged
-        for kind in KINDS
-        if (logged, kind, number) not in known
-    ]
-    with (
-        ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool,
-        arguments.log.open("a") as log,
-    ):
-        for future in as_completed([pool.submit(diagnosed, *task) for task in tasks]):
-            outcome = future.result()
-            done.append(outcome)
-            log.write(json.dumps(outcome) + "\n")
-            log.flush()
+    tasks = list(product(range(arguments.records), arguments.logged, KINDS))
+    done = resumed(
+        arguments.log,
+        [(logged, kind, number) for number, logged, kind in tasks],
+        diagnosed,
+        lambda *task: task,
+        ("logged", "kind", "number"),
+        arguments.workers,
+    )
     print(summary(done))
 
 
