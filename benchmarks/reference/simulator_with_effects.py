@@ -413,7 +413,7 @@ class Slab:
                 weights[row, node] = np.prod((x - others) / (nodes[node] - others))
         return weights
 
-    def outward_flux(self, sides):
+    def face_flux(self, sides):
         """The same weights for `-k dT/dx` at faces, k relative to the base wall's, K/m.
 
         What leaves the outermost cell: it converges with the square of the width, a slope of the field does not.
@@ -499,7 +499,7 @@ def temperatures(spec: Spec, drive: dict, positions: Sequence[float], *, referen
 
 def _instruments(spec, slab, positions):
     """Weights of left face, cells and right face for the temperatures, degC, and the plates' fluxes, W/m2."""
-    return np.concatenate([slab.reading(positions), spec.conductivity * slab.outward_flux(spec.plates)])
+    return np.concatenate([slab.reading(positions), spec.conductivity * slab.face_flux(spec.plates)])
 
 
 def _linear(spec, slab, drive, read):

@@ -28,9 +28,9 @@ from wallid.discrepancy.effects.material import (
 )
 from wallid.discrepancy.effects.sensors import ClockShift, SensorGain, SensorLag
 from wallid.discrepancy.forward.cells import build_cells, initial_state
+from wallid.discrepancy.forward.instrument_readings import apply_sensor_effects
 from wallid.discrepancy.forward.linear_wall import simulate_linear_wall
 from wallid.discrepancy.forward.response import simulate_readings
-from wallid.discrepancy.forward.sensor_readings import apply_sensor_effects
 from wallid.discrepancy.forward.time_stepping import simulate_nonlinear_wall
 
 DAY, HOUR = 86400.0, 3600.0

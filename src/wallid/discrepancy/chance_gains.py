@@ -16,7 +16,7 @@ import scipy
 from jaxtyping import Float
 from numpy.polynomial.hermite_e import hermegauss
 
-DRAWS = 2000
+_DRAWS = 2000
 _RARE = 1e-3  # probability of the scores whose ratio is the weight
 _NODES = 40  # of the Gauss-Hermite rule
 _SHARES = np.linspace(0.0, 1.0, 21)  # of the priors in a squared score
@@ -59,9 +59,9 @@ class ChanceGains:
     @cached_property
     def largest(self) -> Float[np.ndarray, " draw"]:
         """The largest weighted gain of each draw, sorted."""
-        inflation = np.exp(0.5 * self.log_power_std * self.random.standard_normal((DRAWS, 1)))
-        of_readings = draw_scores(self.cosine - self.prior_cosine, DRAWS, self.random)
-        draws = inflation * of_readings + draw_scores(self.prior_cosine, DRAWS, self.random)
+        inflation = np.exp(0.5 * self.log_power_std * self.random.standard_normal((_DRAWS, 1)))
+        of_readings = draw_scores(self.cosine - self.prior_cosine, _DRAWS, self.random)
+        draws = inflation * of_readings + draw_scores(self.prior_cosine, _DRAWS, self.random)
         gains = np.where(self.required_signs * draws < 0, 0.0, self.weight * draws**2)
         return np.sort(gains.max(axis=1, initial=0.0))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -11,10 +11,11 @@ import numpy as np
 import scipy
 from jaxtyping import Array
 
-from ..inference.likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY
+from ..inference.likelihood import LOG_DIFFUSIVITY
 from ..inference.noise_covariance import NoiseCovariance
 from ..inference.parameters import Parameters
-from ..inference.physical_bounds import clip_to_physical, limited_log_std
+from ..inference.physical_bounds import limited_log_std
+from ..inference.quantity import Quantity, lognormal
 from ..inference.whittle_likelihood import projected_sensitivity
 from .model_with_effects import linearise
 from .problem import DiagnosisProblem, EffectParameters
@@ -73,19 +74,32 @@ class EffectFit:
     @property
     def conductivity(self) -> float:
         """Effective conductivity of the wall, W/m/K; 1 without a plate."""
-        parameters, reference = self.parameters, float(self.problem.model.reference_conductivity)
-        return reference * float(np.exp(parameters[LOG_CONDUCTIVITY])) if LOG_CONDUCTIVITY in parameters else reference
+        return float(self.problem.model.conductivity(self.parameters))
 
     @property
     def log_std(self) -> float:
         """Standard deviation of ln(alpha), with the uncertainty of the noise's shape where that is known."""
-        return limited_log_std(self.std(LOG_DIFFUSIVITY) * float(np.sqrt(self.noise.variance_inflation)))
+        return self._with_shape_of_noise(self.std(LOG_DIFFUSIVITY))
 
     @property
     def interval_95(self) -> tuple[float, float]:
         """95 % interval of the diffusivity, m2/s, symmetric in ln(alpha) within the physical bounds."""
-        width = float(np.exp(min(self.noise.quantile * self.std(LOG_DIFFUSIVITY), 50.0)))
-        return clip_to_physical(self.diffusivity / width, self.diffusivity * width, "m2/s")
+        return self.quantity(self.diffusivity, self.std(LOG_DIFFUSIVITY), "m2/s").interval_95
+
+    def quantity(self, value: float, log_std: float, unit: str) -> Quantity:
+        """A quantity whose logarithm is linear in the parameters, with its 95 % interval.
+
+        Args:
+            value: in `unit`.
+            log_std: standard deviation of its logarithm, by the noise of the fit.
+            unit: a key of `PHYSICAL_BOUNDS`.
+        """
+        exact = lognormal(value, log_std**2, self.noise.quantile, unit)
+        return replace(exact, std=value * self._with_shape_of_noise(log_std))
+
+    def _with_shape_of_noise(self, log_std: float) -> float:
+        """A standard deviation of a logarithm with the uncertainty of the noise's shape."""
+        return limited_log_std(log_std * float(np.sqrt(self.noise.variance_inflation)))
 
     @property
     def events(self) -> list[tuple[float, float]]:

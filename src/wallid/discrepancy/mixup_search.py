@@ -79,7 +79,7 @@ def deviance(fit: EffectFit, reference: NoiseCovariance) -> float:
     fluxes, as much as the wall of the fit lets them.
     """
     present = np.asarray(fit.problem.bins.counts()).T.reshape(-1) > 0
-    _, own = np.linalg.slogdet(fit.noise.covariance[np.ix_(present, present)])
+    own = -2.0 * np.log(np.diag(fit.noise.whitening)).sum()  # an empty bin has the variance 1
     _, other = np.linalg.slogdet(reference.covariance[np.ix_(present, present)])
     return float(fit.cost - present.sum() + own - other)
 
@@ -93,11 +93,12 @@ def best_mixup(plain: EffectFit, noise: NoiseCovariance, highest: float = math.i
         highest: deviance that a mix-up has to be below.
     """
     reference = _refit_with_noise(plain.problem, noise, float(plain.parameters[LOG_DIFFUSIVITY]))
-    highest = min(highest, deviance(reference, noise) - _CLEAR_GAIN)
+    of_reference = deviance(reference, noise)
+    highest = min(highest, of_reference - _CLEAR_GAIN)
     ranked = _RankedCorrections(plain.problem, reference).best(_FITTED)
-    of_reference = deviance(reference, reference.noise)
-    gains = [of_reference - one.deviance for one in ranked]
-    needed = _WORTH_FITTING * max([deviance(reference, noise) - highest, *gains])
+    to_first_order = reference.cost - plain.problem.bins.nonempty  # all under the reference's noise
+    gains = [to_first_order - one.deviance for one in ranked]
+    needed = _WORTH_FITTING * max([of_reference - highest, *gains])
     fits = [
         _fit(plain.problem, one.correction, noise, one.start)
         for one, gain in zip(ranked, gains, strict=True)
@@ -133,15 +134,15 @@ def wrong_length_unit(plain: EffectFit) -> MixupFit | None:
     prior = case.wall.diffusivity_prior
     if not implausible(plain.diffusivity, prior) and case.wall.length < _THICK:
         return None
-    fits: dict[str, tuple[EffectFit, Case]] = {}
+    fits: dict[str, tuple[EffectFit, Case, float]] = {}
     highest = deviance(plain, plain.noise) + _CLEAR_GAIN
     for unit, metres in LENGTH_UNITS.items():
         scaled = _scaled(case, metres)
         fit = _refit_with_noise(diagnosis_problem(scaled), plain.noise)
-        if not implausible(fit.diffusivity, prior) and deviance(fit, plain.noise) < highest:
-            fits[unit] = fit, scaled
-    lowest = min((deviance(fit, plain.noise) for fit, _ in fits.values()), default=0.0)
-    close = {unit: fit for unit, (fit, _) in fits.items() if deviance(fit, plain.noise) < lowest + RIVAL}
+        if not implausible(fit.diffusivity, prior) and (own := deviance(fit, plain.noise)) < highest:
+            fits[unit] = fit, scaled, own
+    lowest = min((own for _, _, own in fits.values()), default=0.0)
+    close = {unit: fit for unit, (fit, _, own) in fits.items() if own < lowest + RIVAL}
     if not close:
         return None
     unit, *others = sorted(close, key=lambda name: abs(math.log(close[name].diffusivity / prior)))
@@ -150,7 +151,8 @@ def wrong_length_unit(plain: EffectFit) -> MixupFit | None:
         f"the lengths are in {unit}, not in m: with them in m the diffusivity is {close[unit].diffusivity:.3g} m2/s"
         f"{f' ({values}, which the readings cannot exclude)' if others else ''}"
     )
-    return MixupFit(Mixup("length_unit", (), words), fits[unit][1], deviance(close[unit], plain.noise))
+    _, scaled, own = fits[unit]
+    return MixupFit(Mixup("length_unit", (), words), scaled, own)
 
 
 def is_rather_a_lag(plain: EffectFit, mixup_fit: MixupFit) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -89,6 +90,12 @@ class ModelWithEffects(eqx.Module):
         """Diffusivity alpha, m2/s."""
         return jnp.exp(self.log_prior + parameters[LOG_DIFFUSIVITY])
 
+    def conductivity(self, parameters: Parameters) -> Array:
+        """Effective conductivity of the wall, W/m/K; the reference without a plate."""
+        if LOG_CONDUCTIVITY not in parameters:
+            return self.reference_conductivity
+        return self.reference_conductivity * jnp.exp(parameters[LOG_CONDUCTIVITY])
+
     def profile(self, parameters: Parameters) -> Float[Array, " mode"]:
         """Amplitudes of the wall's slowest modes in the initial profile, K."""
         return parameters.vector(parameters.of_kind(PROFILE_MODE))
@@ -101,9 +108,10 @@ class ModelWithEffects(eqx.Module):
         terms = Terms.plain(self.forcing).add(position=position, offset=offset, depth=DEPTH_SIGNS * face_position)
         if self.forcing.plates:
             gain = parameters.vector(parameters.of_kind(PLATE_GAIN))
-            terms = terms.add(
-                conductivity=self.reference_conductivity * jnp.exp(parameters[LOG_CONDUCTIVITY]) - 1.0,
-                plate_gain=jnp.zeros(2).at[jnp.array(self.forcing.plates)].set(gain),
+            terms = replace(
+                terms,
+                conductivity=self.conductivity(parameters),
+                plate_gain=terms.plate_gain.at[jnp.array(self.forcing.plates)].set(gain),
             )
         for effect in self.effects:
             if effect.linear or not linear:

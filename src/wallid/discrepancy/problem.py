@@ -9,6 +9,7 @@ contains an effect where the parameters of the effect are estimated; otherwise t
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -82,7 +83,7 @@ class DiagnosisProblem:
     Args:
         case: the case.
         record: the rows used.
-        readings: of the inner sensors, degC, then of the plates, W/m2, `(time, reading)`; NaN where missing.
+        readings: of the inner sensors, degC, then of the plates, W/m2, `(time, instrument)`; NaN where missing.
         model: the wall with all effects of the library.
         bins, spacing: the readings, averaged over bins of rows, as from `bin_readings`.
         library: the effects with the names of their parameters.
@@ -194,14 +195,19 @@ class DiagnosisProblem:
 
     def _bending_of_faces(self, parameters: Parameters, bins: BinnedReadings) -> Float[np.ndarray, "error reading"]:
         """The effect of how the faces bend between their rows on the binned readings, fluxes among them."""
-        window, record = diagnosis_window(self.case), self.record
-        filtered = faces_of_model(self.case)[0][window.as_slice]
+        responses = face_change_response(self.model, parameters, self._bent_faces)
+        return np.stack([np.asarray(bins.mean(on_device(response))) for response in responses])
+
+    @cached_property
+    def _bent_faces(self) -> Float[np.ndarray, "change interval power face"]:
+        """One standard deviation of how the slow and the fast part of each face bend, as changes of both faces, K."""
+        record, rows = self.record, diagnosis_window(self.case).as_slice
+        filtered = faces_of_model(self.case)[0][rows]
         courses = self.case.record.face_errors.bent_courses(record.faces, filtered, record.step)
         changes = np.zeros((4, *courses.shape[2:], 2))
         for k, (part, side) in enumerate(np.ndindex(2, 2)):
             changes[k, ..., side] = courses[part, side]
-        responses = face_change_response(self.model, parameters, changes)
-        return np.stack([np.asarray(bins.mean(on_device(response))) for response in responses])
+        return changes
 
     def estimated_names(self, active: tuple[EffectParameters, ...]) -> tuple[str, ...]:
         """The names of the parameters that a fit with these effects estimates."""

@@ -44,10 +44,9 @@ def unexplained_heat(fit: EffectFit) -> UnknownHeat | None:
     deviation[0] = 0.0
     data = with_filtered_faces(case, window, with_flux(case, window, window_data(case, window)))
     terms = problem.model.terms(parameters, linear=True)
-    films = np.asarray(terms.film + terms.conductivity * terms.plate_resistance)
     disturbed = partial(
         disturbed_readings, case, data, fit.diffusivity,
-        conductance=float(terms.conductivity) / case.wall.length, contacts=tuple(films.tolist()),
+        conductance=float(terms.conductivity) / case.wall.length, contacts=tuple(terms.film_lengths.tolist()),
     )  # fmt: skip
     readings = disturbed(spacing=problem.spacing)
     factor = -(-problem.bins.readings // _MAX_READINGS)

@@ -13,11 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..inference.likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY
-from ..inference.physical_bounds import clip_to_physical, limited_log_std
 from ..inference.quantity import Quantity
 from .effect_fit import EffectFit
-
-_LARGEST_LOG = 300.0
 
 
 @dataclass(frozen=True)
@@ -37,10 +34,7 @@ class WallProperty:
 
     def of(self, fit: EffectFit) -> Quantity:
         """The property by a fit, with an interval that is symmetric in its logarithm, within the physical bounds."""
-        value, log_std = self.value(fit), self.log_std(fit)
-        factor = math.exp(min(fit.noise.quantile * log_std, _LARGEST_LOG))
-        std = limited_log_std(log_std * math.sqrt(fit.noise.variance_inflation))
-        return Quantity(value, value * std, clip_to_physical(value / factor, value * factor, self.unit), self.unit)
+        return fit.quantity(self.value(fit), self.log_std(fit), self.unit)
 
     def value(self, fit: EffectFit) -> float:
         """The value by a fit."""

@@ -31,12 +31,7 @@ from .parameters import Parameter, Parameters, kind_of, target_of
 CONDUCTIVITY_STD = 3.0  # of ln(conductivity): a wide prior
 
 
-def window_parameters(
-    case: Case,
-    window: Window,
-    kinds: Sequence[NuisanceKind] = NUISANCE_KINDS,
-    plates: Sequence[str] | None = None,
-) -> Parameters:
+def window_parameters(case: Case, window: Window, kinds: Sequence[NuisanceKind] = NUISANCE_KINDS) -> Parameters:
     """The diffusivity and all nuisance parameters of a window, each with its prior.
 
     In this order: the logarithm of the diffusivity over its prior value; the kinds; the amplitudes of the initial
@@ -45,17 +40,15 @@ def window_parameters(
 
     Args:
         kinds: of nuisance parameters.
-        plates: the faces whose flux is used; None for all of the case.
     """
     profile_known = fit_profile(case, window.row).eps_2 is None
     mode_std = 0.0 if profile_known else window_temperature_range(case, window)
-    plates = fluxes_of(case) if plates is None else plates
     parameters = [Parameter(LOG_DIFFUSIVITY)]
     for kind in kinds:
         parameters += kind.parameters(case, window)
     modes = range(1, profile_mode_count(case) + 1)
     parameters += [Parameter(f"{PROFILE_MODE}[{k}]", "K", prior_std=mode_std / k) for k in modes]
-    if plates:
+    if plates := fluxes_of(case):
         parameters.append(Parameter(LOG_CONDUCTIVITY, prior_std=CONDUCTIVITY_STD))
         parameters += [Parameter(f"{PLATE_GAIN}[{face}]", prior_std=flux_gain_std(case)) for face in plates]
     return Parameters.of(parameters)

@@ -195,6 +195,11 @@ class Terms(eqx.Module):
             plate_resistance=pair,
         )
 
+    @property
+    def film_lengths(self) -> Float[Array, " face"]:
+        """The length of wall with the resistance between each face's reading and the wall, m: of films and plates."""
+        return self.film + self.conductivity * self.plate_resistance
+
     def add(self, **changes: Any) -> Terms:
         """The terms with changes added: numbers are added, tuples are concatenated."""
         return dataclasses.replace(self, **{name: getattr(self, name) + change for name, change in changes.items()})

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ...models.finite_volume_wall import lagrange_weights
 from ..effects.equation_terms import ForcingData, Step, Terms
 from ..effects.heat_sources import SOURCE_WIDTH
 
@@ -73,8 +74,7 @@ def build_cells(terms: Terms, forcing: ForcingData) -> Cells:
         capacity = capacity * _cell_means_of_step(bounds, layer)
     factor = length / jnp.sum(resistance)
     # the length of a film is that of the material, as the thickness of a joint
-    film = terms.film + terms.conductivity * terms.plate_resistance
-    resistance, film = factor * resistance, factor * film
+    resistance, film = factor * resistance, factor * terms.film_lengths
     capacity = capacity * (length / jnp.sum(capacity))
 
     # behind a film T_face = (1 - w) T_read + w T_first; the half cell of the face is added to the node next to it
@@ -164,20 +164,10 @@ def _flux_weights(
     cumulative = jnp.concatenate([jnp.zeros(1), jnp.cumsum(resistance)])
     from_right = cumulative[-1] - cumulative[::-1]
     pairs = zip((cumulative, from_right), buried, strict=True)
-    slopes = jnp.stack([_slope_weights(one[:_STENCIL], -before) for one, before in pairs])
+    slopes = jnp.stack([lagrange_weights(one[:_STENCIL], -before, 1) for one, before in pairs])
     slopes = slopes / (1.0 - slopes[:, :1] * film[:, None])
     left, right = jnp.pad(slopes, ((0, 0), (0, cumulative.shape[0] - _STENCIL)))
     return jnp.stack([-left, right[::-1]])
-
-
-def _slope_weights(nodes: Float[Array, " stencil"], point: Array) -> Float[Array, " stencil"]:
-    """Weights of the values at some nodes for the slope of their polynomial at a point."""
-    weights = []
-    for i in range(_STENCIL):
-        others = [j for j in range(_STENCIL) if j != i]
-        terms = [math.prod(point - nodes[j] for j in others if j != left_out) for left_out in others]
-        weights.append(sum(terms) / math.prod(nodes[i] - nodes[j] for j in others))
-    return jnp.stack(weights)
 
 
 def initial_state(forcing: ForcingData, profile: Float[Array, " mode"]) -> Float[Array, " inner"]:

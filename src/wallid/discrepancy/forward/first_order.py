@@ -16,9 +16,9 @@ from jaxtyping import Array, Float
 
 from ..effects.equation_terms import ForcingData, Terms
 from .cells import Cells, build_cells, initial_state, inputs_at_rows
+from .instrument_readings import apply_instrument_effects
 from .linear_wall import Modes, modal_decomposition
 from .nonlinear_wall import build_nonlinear_wall
-from .sensor_readings import apply_instrument_effects
 
 
 class BaseSolution(NamedTuple):

@@ -70,7 +70,7 @@ class NonlinearWall(eqx.Module):
         q, _ = self.inputs(t)
         return temperature_rate(self.wall, self.coefficients(self.diffusivity_factor(t), T, q), T, q)
 
-    def sensor_temperatures(self, t: Array, T: Array) -> tuple[Array, Array]:
+    def observed(self, t: Array, T: Array) -> tuple[Array, Array]:
         """Temperature (degC) and its rate (K/s) at the sensors, and the same of the fluxes at plates (K/m)."""
         q, q_rate = self.inputs(t)
         node_rate = self(t, T, None)

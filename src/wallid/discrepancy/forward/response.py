@@ -9,8 +9,8 @@ from jaxtyping import Array, Float
 
 from ..effects.equation_terms import ForcingData, Terms
 from .cells import build_cells, initial_state
+from .instrument_readings import apply_instrument_effects
 from .linear_wall import simulate_linear_wall
-from .sensor_readings import apply_instrument_effects
 from .time_stepping import simulate_nonlinear_wall
 
 

@@ -64,4 +64,4 @@ def simulate_nonlinear_wall(
         throw=False,
     )
     assert solution.ys is not None
-    return jax.vmap(field.sensor_temperatures)(times, solution.ys)
+    return jax.vmap(field.observed)(times, solution.ys)

@@ -21,6 +21,7 @@ from ..effect_fit import EffectFit
 from ..model_with_effects import linearise
 from ..problem import DiagnosisProblem, diagnosis_problem
 from .candidate_records import SHARES, CandidateRecord, with_profile_of
+from .changed_records import ChangedRecord
 from .present_record import PresentRecord
 from .refits import same_effects
 from .separation import Explanation
@@ -28,14 +29,8 @@ from .separation import Explanation
 _SENSOR_NOISE = 0.05  # K, of a sensor beside plates alone
 
 
-class _RecordWithInstrument(CandidateRecord):
+class _RecordWithInstrument(ChangedRecord):
     """A record with one more instrument, whose errors are estimated beside the parameters of the present record."""
-
-    @cached_property
-    def explanations(self) -> tuple[Explanation, ...]:
-        """The readings of the present instruments and of this one by each fit."""
-        pairs = zip(self.present.fits, self.present.explanations, strict=True)
-        return tuple(self._explanation(fit, one) for fit, one in pairs)
 
     def _explanation(self, fit: EffectFit, present: Explanation) -> Explanation:
         problem, effects = self.problem, same_effects(self, fit)
@@ -49,8 +44,7 @@ class _RecordWithInstrument(CandidateRecord):
     @cached_property
     def whitening(self) -> np.ndarray:
         """W of all readings."""
-        first = self.present.fits[0]
-        return self.problem.noise_shape(self.next_parameters(first)).covariance_like(first.noise).whitening
+        return self.own_whitening()
 
 
 class RecordWithPlate(_RecordWithInstrument):

@@ -27,12 +27,12 @@ _PLACE_ERRORS = (SensorPositions.kind, "effect.sensor_position")
 _SEASONS = 6  # first days that are tried
 
 
-class _ChangedRecord(CandidateRecord):
-    """A record of the same sensors under other conditions."""
+class ChangedRecord(CandidateRecord):
+    """A record whose model is another one: under other conditions, or with other instruments."""
 
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
-        """What the fits predict under them."""
+        """What the fits predict for it."""
         pairs = zip(self.present.fits, self.present.explanations, strict=True)
         return tuple(self._explanation(fit, one) for fit, one in pairs)
 
@@ -44,8 +44,13 @@ class _ChangedRecord(CandidateRecord):
         predicted, slopes = linearise(problem.model, problem.bins, parameters, names, linear=linear)
         return replace(present, predicted=problem.binned(predicted), jacobian=slopes.T)
 
+    def own_whitening(self) -> np.ndarray:
+        """W by the record's own model, with the noise of the present record."""
+        first = self.present.fits[0]
+        return self.problem.noise_shape(self.next_parameters(first)).covariance_like(first.noise).whitening
 
-class ShadedRecord(_ChangedRecord):
+
+class ShadedRecord(ChangedRecord):
     """A record with the outer face in the shade during its second half."""
 
     kind = "shade"
@@ -60,7 +65,7 @@ class ShadedRecord(_ChangedRecord):
         return shaded(self.present.problem)
 
 
-class HeatedRecord(_ChangedRecord):
+class HeatedRecord(ChangedRecord):
     """A record with the inner face heated once."""
 
     kind = "heating"
@@ -75,7 +80,7 @@ class HeatedRecord(_ChangedRecord):
         return heated(self.present.problem, self.present.fits[0].diffusivity)
 
 
-class SeasonRecord(_ChangedRecord):
+class SeasonRecord(ChangedRecord):
     """A record from another day of a typical year on.
 
     Args:
@@ -100,7 +105,7 @@ class SeasonRecord(_ChangedRecord):
         return in_season(self.present.problem, self.weather, self.start, self.present.fits[0].diffusivity)
 
 
-class SwappedRecord(_ChangedRecord):
+class SwappedRecord(ChangedRecord):
     """A record with two sensors exchanged: the errors of instruments go with them, those of places stay.
 
     Args:
@@ -143,8 +148,7 @@ class SwappedRecord(_ChangedRecord):
     @cached_property
     def whitening(self) -> np.ndarray:
         """W of the exchanged readings."""
-        first = self.present.fits[0]
-        return self.problem.noise_shape(self.next_parameters(first)).covariance_like(first.noise).whitening
+        return self.own_whitening()
 
 
 def changed_records(present: PresentRecord) -> Iterator[CandidateRecord]:
