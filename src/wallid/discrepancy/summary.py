@@ -65,9 +65,8 @@ def _sentence(findings: Findings) -> str:
         else f", and the rms residual on days that the fit did not use from {gap.held_out_before:.3g} to "
         f"{gap.held_out_after:.3g} {gap.unit}"
     )
-    resistance = ""
-    if "resistance" in findings.quantities:
-        resistance = f", the resistance from {RESISTANCE.value(plain):.3g} to {findings.quantities['resistance']}"
+    found = findings.quantities.get("resistance")
+    resistance = "" if found is None else f", the resistance from {RESISTANCE.value(plain):.3g} to {_with_std(found)}"
     text = (
         f"{named[:1].upper()}{named[1:]} {verb} missing; with {pronoun} the diffusivity goes from "
         f"{plain.diffusivity:.4g} to {final.diffusivity:.4g} m2/s{resistance}{held_out}; {noise}."
@@ -92,7 +91,11 @@ def _values(findings: Findings) -> str:
     """The diffusivity, with plates the resistance too, as the beginning of a sentence."""
     resistance = findings.quantities.get("resistance")
     text = f"the diffusivity is {findings.final.diffusivity:.4g} m2/s"
-    return text if resistance is None else f"{text}, the resistance {resistance}"
+    return text if resistance is None else f"{text}, the resistance {_with_std(resistance)}"
+
+
+def _with_std(quantity: Quantity) -> str:
+    return value_and_std(quantity.value, quantity.std, quantity.unit)
 
 
 def _range(quantity: Quantity) -> str:
