@@ -24,6 +24,7 @@ from .legends import legend_above, legend_below, root_figure, shortened, use_con
 from .time_axis import TimeAxis
 
 _CLIPPED = 98.0  # percentile of the absolute residual at the end of the colour scale, so that outliers do not set it
+_LONG_UNIT = 6  # characters of a unit, from which the label of a colour bar takes two lines
 _KOLMOGOROV_95 = 1.358  # 95 % quantile of the Kolmogorov distribution
 
 
@@ -83,7 +84,7 @@ def _residual_colours() -> Colormap:
 def shared_colour_bar(axes: Sequence[Axes], unit: str = "K") -> None:
     """Draw the colour bar of one or several `residual_map` panels beside them; `unit` is that of `residual_scale`."""
     (mesh,) = (artist for artist in axes[0].collections if isinstance(artist, QuadMesh))
-    label = f"residual ({unit})"
+    label = f"measured minus simulated{' ' if len(unit) < _LONG_UNIT else chr(10)}({unit})"
     root_figure(axes[0]).colorbar(mesh, ax=list(axes), label=label, extend="both", pad=0.01)
 
 
