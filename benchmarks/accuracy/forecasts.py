@@ -3,8 +3,9 @@
 `python -m benchmarks.accuracy.forecasts`
 
 The records are those of `benchmarks.accuracy.disturbance`, by other seeds: two sensors, or two plates; heat in the
-whole wall or behind a face, with a memory of 3 hours or 2 days. The last day of each is forecast from the days before,
-given the faces. What is counted are the readings 1, 6 and 24 hours after the origin.
+whole wall or behind a face, with a memory of 3 hours or 2 days. A day of each is forecast from the days before, given
+the faces. What is counted are the readings 1, 6 and 24 hours after the origin. Two hours of record follow: at a
+record's last row the slope of a face, and so the flux, is known from one side only.
 
 Each origin's outcome is appended to a log of JSON lines, so that a long run goes on where it ended.
 """
@@ -22,7 +23,8 @@ from benchmarks.accuracy.disturbance import DAYS, KEYS, MEMORIES, STEP, Kind, ca
 from benchmarks.accuracy.resumed_log import resumed
 
 HOURS = (1.0, 6.0, 24.0)
-FIRST = 100_000  # number of the first record: none of them was estimated before
+FIRST = 200_000  # number of the first record: none of them was estimated before; 100_000 to 100_099 were looked at
+LEFT = 2.0  # h of record after the last reading that is counted
 KINDS = tuple(Kind(logged, heat, memory) for (logged, heat), memory in product(
     (("sensors", "wall"), ("plates", "face")), MEMORIES
 ))  # fmt: skip
@@ -36,8 +38,8 @@ def forecast(kind: Kind, number: int) -> dict:
     import wallid
 
     case, step = case_of(kind, FIRST + number), STEP[kind.logged]
-    origin = (DAYS[kind.logged] - 1.0) * 86400.0
-    found = wallid.forecast(case, origin, 24.0)
+    origin = (DAYS[kind.logged] - 1.0) * 86400.0 - LEFT * 3600.0
+    found = wallid.forecast(case, origin, HOURS[-1])
     measured = np.asarray(found.measured)[found.first :]
     z = (measured - found.mean) / found.std
     rows = {hours: min(round(hours * 3600.0 / step), len(z)) - 1 for hours in HOURS}

@@ -53,9 +53,9 @@ def test_the_first_step_is_the_filters_innovation():
     )
     states = filter_model(case, fit)
     rows = case.record.rows
-    one = step_errors(states, rows, case.record.step, (case.record.step / 3600.0,))[0]
-    begin = rows // 5 + 1
     filtered = states.filtered()
+    one = step_errors([(1.0, states, filtered)], case.record.step, (case.record.step / 3600.0,))[0]
+    begin = rows // 5 + 1
     H = np.asarray(states.model.outputs)[begin:]
     predicted = np.einsum("tos,ts->to", H, np.asarray(filtered.predicted_mean)[begin:])
     assert_allclose(one.rms, np.sqrt(np.mean((states.readings[begin:] - predicted) ** 2, axis=0)), rtol=1e-9)

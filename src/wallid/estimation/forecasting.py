@@ -5,16 +5,17 @@ noise that has a memory, and of every parameter to that time, and from there on 
 
     y_t ~ N(M_t + H_t m_t, H_t P_t H_t' + r),      s_{t+1} = Phi s_t + G w_t
 
-with `M_t` the fit's prediction for the faces, and `r` the variance of a reading's white noise. The faces are those of
-the record, or go on as a day before from their last reading (persistence). The error of persistence is that which it
-would have had on the earlier days, through the wall.
+with `M_t` the fit's prediction for the faces, and `r` the variance of a reading's white noise. A few days of readings
+say little of the place, size and memory of a disturbance: the forecast is the average over those that are probable. The
+faces are those of the record, or go on as a day before from their last reading (persistence). The error of persistence
+is that which it would have had on the earlier days, through the wall.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -23,10 +24,9 @@ from .._internal.progress import Progress, shown_progress
 from .._internal.validation import one_of
 from ..case.case_definition import Case
 from ..case.time_window import Window, check_unbroken
-from ..inference.filter_model import FilterModel, filter_model
+from ..inference.filter_model import FilterModel, alternative_filter_models
 from ..inference.generalised_least_squares import fit_generalised_least_squares
-from ..inference.gls_fit import GLSFit
-from ..inference.kalman_filter import forecast_states
+from ..inference.kalman_filter import Filtered, forecast_states
 from ..inference.quantity import NORMAL_95
 from ..models.flux_plates import fluxes_of, full_order_model_with_plates
 from ..models.window_inputs import window_data
@@ -84,12 +84,14 @@ def forecast(
         prior, eta = case.wall.diffusivity_prior, case.choices.eta
         fit = fit_generalised_least_squares(case, window, data, model, prior, eta=eta, rows_used=trained)
         report("forecast: filter", 0.7)
-        states = filter_model(case, fit)
-        mean, std = _after(states, fit, trained)
+        alternatives = alternative_filter_models(case, fit)
+        each = [(share, states, states.filtered(trained)) for share, states in alternatives]
+        mean, variance = _averaged([(share, *_after(states, filtered)) for share, states, filtered in each])
+        mean, std = np.asarray(fit.minimum.predicted)[trained:] + mean, np.sqrt(variance)
         if persistent < rows:
             std = np.hypot(std, error_of_persistence(case, fit, begin, first, rows, persistent))
         report("forecast: errors of earlier predictions", 0.9)
-        errors = step_errors(states, trained, record.step)
+        errors = step_errors(each, record.step)
     plates = fluxes_of(case)
     return Forecast(
         case=case,
@@ -147,32 +149,41 @@ def _measured(case: Case, window: Window) -> np.ndarray:
     return np.column_stack([case.record.sensors, *plates])[window.as_slice]
 
 
-def _after(states: FilterModel, fit: GLSFit, trained: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and standard deviation of the readings after the first rows."""
-    filtered = states.filtered(trained)
-    outputs = np.asarray(states.model.outputs_at_rows(len(states.readings)))[trained:]
+def _after(states: FilterModel, filtered: Filtered) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and variance of the readings after the filtered rows, less the fit's prediction."""
+    rows = len(filtered.mean)
+    outputs = np.asarray(states.model.outputs_at_rows(len(states.readings)))[rows:]
     after = forecast_states(states.model, filtered.mean[-1], filtered.root[-1], len(outputs))
-    mean = np.asarray(fit.minimum.predicted)[trained:] + np.einsum("tos,ts->to", outputs, np.asarray(after.mean))
+    mean = np.einsum("tos,ts->to", outputs, np.asarray(after.mean))
     roots = np.einsum("tos,tsr->tor", outputs, np.asarray(after.root))
-    return mean, np.sqrt(np.sum(roots**2, axis=2) + np.asarray(states.model.output_std) ** 2)
+    return mean, np.sum(roots**2, axis=2) + np.asarray(states.model.output_std) ** 2
+
+
+def _averaged(each: list[tuple[float, np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and variance of a mixture, from the probability, mean and variance of each part.
+
+    The total variance is the mean of the variances plus the variance of the means.
+    """
+    shares, means, variances = (np.array(part) for part in zip(*each, strict=True))
+    mean = np.tensordot(shares, means, axes=1)
+    return mean, np.tensordot(shares, variances + (means - mean) ** 2, axes=1)
 
 
 def step_errors(
-    states: FilterModel, rows: int, step: float, horizons: tuple[float, ...] = HORIZONS
+    each: list[tuple[float, FilterModel, Filtered]], step: float, horizons: tuple[float, ...] = HORIZONS
 ) -> tuple[StepErrors, ...]:
-    """How well the readings of the first rows are predicted some hours ahead, from the readings up to then.
+    """How well the filtered readings are predicted some hours ahead, from the readings up to then.
 
-    The parameters, the size of the noise and the disturbance are those of the fit of all these rows; what the filter
-    says of them at a row rests on the readings up to that row.
+    The parameters, the size of the noise and the probable disturbances are those of the fit of all these rows; what the
+    filter says of them at a row rests on the readings up to that row.
 
     Args:
-        states: the filter's model.
-        rows: of the readings.
+        each: the probability of a disturbance, its model for the filter, and the states of the rows with readings.
         step: from row to row, s.
         horizons: h.
     """
-    filtered, results = states.filtered(rows), []
-    outputs = np.asarray(states.model.outputs_at_rows(len(states.readings)))
+    _, states, first = each[0]
+    rows, results = len(first.mean), []
     readings, present = states.readings[:rows], states.present[:rows]
     begin = rows // 5  # before, the filter knows little of the parameters
     for hours in horizons:
@@ -180,9 +191,9 @@ def step_errors(
         if ahead < 1 or begin + ahead >= rows:
             continue
         at = np.arange(begin, rows - ahead)
-        mean, covariance = _predicted_ahead(states, filtered, at, ahead, outputs)
+        mean, variance = _averaged([(share, *_ahead(model, of_model, at, ahead)) for share, model, of_model in each])
         residual = readings[at + ahead] - mean
-        mask, inside = present[at + ahead], np.abs(residual) <= NORMAL_95 * np.sqrt(covariance)
+        mask, inside = present[at + ahead], np.abs(residual) <= NORMAL_95 * np.sqrt(variance)
         with np.errstate(invalid="ignore"):
             counts = mask.sum(axis=0)
             rms = np.sqrt(np.sum(residual**2 * mask, axis=0) / counts)
@@ -191,16 +202,14 @@ def step_errors(
     return tuple(results)
 
 
-def _predicted_ahead(
-    states: FilterModel, filtered: Any, at: np.ndarray, ahead: int, outputs: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _ahead(states: FilterModel, filtered: Filtered, at: np.ndarray, ahead: int) -> tuple[np.ndarray, np.ndarray]:
     """Mean and variance of the readings some rows after each row, given the readings up to it."""
     transition, G = np.asarray(states.model.transition), np.asarray(states.model.noise_root)
     power, added = np.eye(len(transition)), np.zeros_like(transition)
     for _ in range(ahead):
         added = transition @ added @ transition.T + G @ G.T
         power = transition @ power
-    H = outputs[at + ahead]
+    H = np.asarray(states.model.outputs_at_rows(len(states.readings)))[at + ahead]
     through = H @ power
     mean = np.einsum("tos,ts->to", through, np.asarray(filtered.mean)[at])
     roots = np.einsum("tos,tsr->tor", through, np.asarray(filtered.root)[at])

@@ -6,18 +6,23 @@ With `r` the residual of a fit and `J` its Jacobian, the parameters integrated o
     -2 log L = r' R^-1 r - b' (J' R^-1 J + P)^-1 b + ln det R + ln det (J' R^-1 J + P),      b = J' R^-1 r - P z
 
 `R_0` is the stated white noise, the faces' part included, `v` its size, and `D` the covariance by a disturbance of unit
-size. The priors shrink it to nothing: an exponential one of the size `s`, of which 95 % are below `LARGEST_STD`; a
-log-normal one of the time constant about 6 h; and `ln v` as in the Whittle likelihood. The places and a grid of sizes
-and time constants give the posterior over them, and from it the spread of every parameter.
+size. The priors shrink it to nothing, and to a constant (the joint prior of Fuglstad and others):
 
-Source: D. A. Harville, J. Am. Stat. Assoc. 72 (1977), 320; D. Simpson and others, Stat. Sci. 32 (2017), 1; H. Rue and
-others, J. R. Stat. Soc. B 71 (2009), 319.
+    p(s) ~ exp(-lambda_s s),      p(tau) ~ tau^-3/2 exp(-lambda_t tau^-1/2)
+
+95 % of the sizes are below `LARGEST_STD`, and 95 % of the time constants above `SHORTEST_TIME`. The prior of `ln v` is
+that of the Whittle likelihood. The places and a grid of sizes and time constants give the posterior over them, and
+from it the spread of every parameter and of a forecast.
+
+Source: D. A. Harville, J. Am. Stat. Assoc. 72 (1977), 320; G.-A. Fuglstad, D. Simpson, F. Lindgren, H. Rue, J. Am.
+Stat. Assoc. 114 (2019), 445; H. Rue and others, J. R. Stat. Soc. B 71 (2009), 319.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -33,16 +38,28 @@ from .noise_covariance import NoiseCovariance, NoiseShape
 
 LARGEST_STD = 10.0
 """W/m2 or K/day: 95 % of disturbances are taken as smaller before the record is seen."""
+SHORTEST_TIME = 1800.0
+"""s: 95 % of disturbances are taken to have a longer memory."""
 EVIDENCE = 10.0
 """Of -2 log L: a disturbance with more evidence is taken with `disturbance = "auto"`."""
-_TYPICAL_TIME, _TIME_SPREAD = 6.0 * 3600.0, 1.2  # s, and of its logarithm
-_TIMES = 6  # of the grid
-_SIZES = np.exp(np.arange(-2.1, 3.6, 0.7))  # standard deviation of the readings by the disturbance over the noise's
+_RARE = math.log(1.0 / 0.05)  # lambda_s is this over LARGEST_STD, lambda_t this times the root of SHORTEST_TIME
+_TIMES = 7  # of the grid
+_SIZES = np.exp(np.arange(-2.1, 3.6, 0.3))  # standard deviation of the readings by the disturbance over the noise's
 _NOISE_STEP = 0.25  # of ln v
 _NOISE_SIZES = np.exp(np.arange(-5.0, 5.1, _NOISE_STEP))
-_STORED = 60  # covariances of unit size
-_EVALUATIONS = 40  # of the search about the best point of the grid
+_TIME_TOLERANCE, _SIZE_TOLERANCE = 0.05, 0.02  # of the logarithms at the best point
+_KEPT = 0.98  # probability of the places and time constants that a forecast averages over
 _SMOOTHNESS: tuple[Smoothness, ...] = ("matern-1/2", "matern-3/2")
+
+
+class _Process(NamedTuple):
+    """What is searched for: the attributes of a `Disturbance` of the same names."""
+
+    profile: HeatProfile
+    std: float
+    time_constant: float
+    smoothness: Smoothness
+    noise_size: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +73,7 @@ class Disturbance(ResultObject):
         evidence: -2 log L without it minus -2 log L with it, at the best size and time constant of each.
         noise_size: v, the noise's variance over the stated one.
         inflation: of each estimated parameter's standard error, by the uncertainty of place, size and time constant.
+        posterior: the most probable places, sizes and time constants, each with its probability.
     """
 
     profile: HeatProfile
@@ -66,6 +84,12 @@ class Disturbance(ResultObject):
     evidence: float
     noise_size: float = field(repr=False)
     inflation: np.ndarray = field(repr=False)
+    posterior: tuple[tuple[float, _Process], ...] = field(default=(), repr=False)
+
+    @property
+    def alternatives(self) -> tuple[tuple[float, Disturbance], ...]:
+        """The disturbances of the posterior, each with its probability."""
+        return tuple((share, replace(self, **one._asdict())) for share, one in self.posterior)
 
     @property
     def place(self) -> str:
@@ -90,19 +114,18 @@ class Disturbance(ResultObject):
         return f"{self.heat}, evidence {self.evidence:.0f}"
 
 
-class _Candidate(NamedTuple):
-    """A disturbance to be tried; `size` is that of the readings by it over that of the noise."""
+class _Place(NamedTuple):
+    """Where heat may enter, and how it remembers: what the covariance of a disturbance of unit size depends on."""
 
     profile: HeatProfile
     time_constant: float
-    size: float
     smoothness: Smoothness = "matern-1/2"
 
 
 class _Point(NamedTuple):
     """The restricted likelihood at one covariance: its cost, `v`, and the parameters' estimates and covariance.
 
-    `cost` is -2 log L; of a candidate with its priors.
+    `cost` is -2 log L; of a disturbance with its priors.
     """
 
     cost: float
@@ -136,8 +159,34 @@ class RestrictedLikelihood:
         """The minimum over the noise's size `v`, for a covariance over `v`."""
         lower = np.linalg.cholesky(covariance[np.ix_(self.present, self.present)])
         whitened = scipy.linalg.solve_triangular(lower, self.columns, lower=True)
-        products = whitened.T @ whitened
+        return self._minimum(whitened.T @ whitened, 2.0 * float(np.sum(np.log(np.diag(lower)))))
+
+    def of_size(
+        self, noise: Float[np.ndarray, "reading reading"], unit: Float[np.ndarray, "reading reading"]
+    ) -> Callable[[float], _Point]:
+        """The minimum as a function of a size, for the covariance `noise + size^2 unit` over `v`.
+
+        With `noise = L L'` and `L^-1 unit L^-T = Q diag(l) Q'`, it is `L Q (1 + size^2 diag(l)) Q' L'`: one
+        decomposition serves all sizes.
+        """
+        rows = np.ix_(self.present, self.present)
+        lower = np.linalg.cholesky(noise[rows])
+        half = scipy.linalg.solve_triangular(lower, unit[rows], lower=True)
+        values, vectors = scipy.linalg.eigh(scipy.linalg.solve_triangular(lower, half.T, lower=True), driver="evd")
+        values = np.maximum(values, 0.0)
+        whitened = vectors.T @ scipy.linalg.solve_triangular(lower, self.columns, lower=True)
         log_det = 2.0 * float(np.sum(np.log(np.diag(lower))))
+
+        def at(size: float) -> _Point:
+            variances = 1.0 + size**2 * values
+            return self._minimum(
+                whitened.T @ (whitened / variances[:, None]), log_det + float(np.sum(np.log(variances)))
+            )
+
+        return at
+
+    def _minimum(self, products: np.ndarray, log_det: float) -> _Point:
+        """The minimum over `v`, from the products of the whitened columns and ln det of the covariance over `v`."""
         costs = self._costs(products, _NOISE_SIZES)
         best = int(np.clip(np.argmin(costs), 1, len(costs) - 2))
         before, at_best, after = costs[best - 1 : best + 2]
@@ -189,103 +238,162 @@ def find_disturbance(
         without: the noise as estimated without a disturbance; None for white noise.
     """
     search = _Search(readings, shape, step, likelihood)
-    times_and_sizes = list(product(search.times.tolist(), _SIZES.tolist()))
-    grid = [_Candidate(profile, time, size) for profile in HEAT_PROFILES[:3] for time, size in times_and_sizes]
-    points = {one: search.at(one) for one in grid}
-    first = min(points, key=lambda one: points[one].cost)
+    search.try_all(product(HEAT_PROFILES[:3], search.times))
+    first = search.best.place
     if first.profile.place != "wall":
-        others = [HeatProfile(first.profile.place, depth) for depth in DEPTHS[1:]]
-        sizes = (0.5 * first.size, first.size, 2.0 * first.size)
-        deeper = [first._replace(profile=profile, size=size) for profile, size in product(others, sizes)]
-        points |= {one: search.at(one) for one in deeper}
-        first = min(points, key=lambda one: points[one].cost)
-    best, point = search.refined(first)
+        deeper = [HeatProfile(first.profile.place, depth) for depth in DEPTHS[1:]]
+        number = list(search.times).index(first.time_constant)
+        search.try_all(product(deeper, search.times[max(number - 1, 0) : number + 2]))
+    best, posterior = search.refined(), search.posterior()
     none = likelihood.at(search.white).cost
     if without is not None:
         none = min(none, likelihood.at(search.noise_alone(without)).cost)
     return Disturbance(
-        profile=best.profile,
-        std=search.std(best, point),
+        **search.process(best)._asdict(),
         unit=readings.unit,
-        time_constant=best.time_constant,
-        smoothness=best.smoothness,
-        evidence=none - point.cost,
-        noise_size=point.noise_size,
-        inflation=_inflation(point, list(points.values())),
+        evidence=none - best.point.cost,
+        inflation=_inflation(best.point, posterior),
+        posterior=search.most_probable(posterior),
     )
+
+
+class _Tried(NamedTuple):
+    """A disturbance that was tried.
+
+    Args:
+        place: where it enters.
+        size: root mean square of the readings by it over that of the noise.
+        point: the likelihood, its cost with the priors.
+    """
+
+    place: _Place
+    size: float
+    point: _Point
 
 
 class _Search:
     """The cost of disturbances of all profiles, time constants and sizes.
 
-    Sizes are relative: the root mean square of the readings by the disturbance over that of the noise.
+    Attributes:
+        white: the covariance of the stated noise.
+        times: time constants of the grid, s.
+        tried: the disturbances of the grid.
     """
 
     def __init__(self, readings: DisturbedReadings, shape: NoiseShape, step: float, likelihood: RestrictedLikelihood):
         self.readings, self.shape, self.likelihood = readings, shape, likelihood
         self.white = shape.stated_covariance().covariance
         window = step * shape.rows_per_bin * shape.bin_count
-        self.times = np.geomspace(max(2.0 * step, 900.0), max(window / 2.0, 8.0 * step), _TIMES)
-        self.units: dict[_Candidate, tuple[np.ndarray, float]] = {}
+        self.times: list[float] = np.geomspace(max(2.0 * step, 900.0), max(window, 8.0 * step), _TIMES).tolist()
+        self.tried: list[_Tried] = []
+        self._units: dict[_Place, tuple[float, Callable[[float], _Point]]] = {}
 
     def noise_alone(self, noise: NoiseCovariance) -> np.ndarray:
         """The covariance of noise of this shape with a total variance of 1."""
         total = noise.white + noise.autocorrelated
         return self.shape.covariance_of(noise.white / total, noise.autocorrelated / total, noise.correlation).covariance
 
-    def unit(self, one: _Candidate) -> tuple[np.ndarray, float]:
-        """The covariance by a disturbance of one unit, and the mean of the noise's variance over its own."""
-        key = one._replace(size=1.0)
-        if key not in self.units:
-            if len(self.units) > _STORED:
-                self.units.clear()
-            bins, rows = self.shape.bin_count, self.shape.rows_per_bin
-            covariance = self.readings.covariance(one.profile, one.time_constant, one.smoothness, bins, rows)
+    def _unit(self, place: _Place) -> tuple[float, Callable[[float], _Point]]:
+        """The heat of a size of 1 over the root of `v`, in W/m2 or K/day, and the likelihood by its value."""
+        if place not in self._units:
             present = self.likelihood.present
-            ratio = np.diag(covariance)[present] / np.diag(self.white)[present]
-            self.units[key] = covariance, 1.0 / float(ratio.mean())
-        return self.units[key]
+            covariance = self.readings.covariance(*place, self.shape.bin_count, self.shape.rows_per_bin)
+            ratio = float(np.mean((np.diag(covariance) / np.diag(self.white))[present]))
+            self._units[place] = 1.0 / math.sqrt(ratio), self.likelihood.of_size(self.white, covariance)
+        return self._units[place]
 
-    def std(self, one: _Candidate, point: _Point) -> float:
-        """The size in W/m2 or K/day."""
-        return one.size * math.sqrt(self.unit(one)[1] * point.noise_size)
+    def at(self, place: _Place, size: float) -> _Tried:
+        """A disturbance with its likelihood."""
+        unit, likelihood = self._unit(place)
+        one = _Tried(place, size, likelihood(size * unit))
+        cost = one.point.cost + _prior_cost(self.process(one).std, place.time_constant)
+        return one._replace(point=one.point._replace(cost=cost))
 
-    def at(self, one: _Candidate) -> _Point:
-        """The likelihood at one disturbance; its cost with the priors."""
-        covariance, ratio = self.unit(one)
-        point = self.likelihood.at(self.white + one.size**2 * ratio * covariance)
-        priors = 6.0 * self.std(one, point) / LARGEST_STD
-        priors += (math.log(one.time_constant / _TYPICAL_TIME) / _TIME_SPREAD) ** 2
-        return point._replace(cost=point.cost + priors)
+    def process(self, one: _Tried) -> _Process:
+        """A disturbance with its size in W/m2 or K/day."""
+        (profile, time_constant, smoothness), noise_size = one.place, one.point.noise_size
+        std = one.size * self._unit(one.place)[0] * math.sqrt(noise_size)
+        return _Process(profile, std, time_constant, smoothness, noise_size)
 
-    def refined(self, first: _Candidate) -> tuple[_Candidate, _Point]:
-        """The minimum about a point of the grid, for the smoothness with the lower cost."""
-        bounds, found = np.log([self.times[0], self.times[-1]]), []
-        start = np.log([first.time_constant, first.size])
-        simplex = start + np.array([[0.0, 0.0], [0.4, 0.0], [0.0, 0.3]])
-        options = {"initial_simplex": simplex, "maxfev": _EVALUATIONS, "xatol": 0.03, "fatol": 0.05}
+    def try_all(self, places: Iterable[tuple[HeatProfile, float]]) -> None:
+        """Try all sizes at further profiles and time constants."""
+        for profile, time_constant in places:
+            self.tried += [self.at(_Place(profile, time_constant), size) for size in _SIZES.tolist()]
+
+    @property
+    def best(self) -> _Tried:
+        """The disturbance of the grid with the lowest cost."""
+        return min(self.tried, key=lambda one: one.point.cost)
+
+    def posterior(self) -> list[tuple[float, _Tried]]:
+        """The disturbances of the grid, each with its probability."""
+        costs = np.array([one.point.cost for one in self.tried])
+        weights = np.exp(-0.5 * (costs - costs.min()))
+        return list(zip((weights / weights.sum()).tolist(), self.tried, strict=True))
+
+    def most_probable(self, posterior: list[tuple[float, _Tried]]) -> tuple[tuple[float, _Process], ...]:
+        """The places that hold almost all of the posterior, each with the mean variances of its heat and its noise."""
+        places: dict[_Place, list[tuple[float, _Process]]] = {}
+        for share, one in posterior:
+            places.setdefault(one.place, []).append((share, self.process(one)))
+        found = []
+        for own in sorted(places.values(), key=lambda own: -sum(share for share, _ in own)):
+            total = sum(share for share, _ in own)
+            heat = sum(share * process.std**2 for share, process in own) / total
+            noise_size = sum(share * process.noise_size for share, process in own) / total
+            found.append((total, own[0][1]._replace(std=math.sqrt(heat), noise_size=noise_size)))
+            if sum(share for share, _ in found) > _KEPT:
+                break
+        total = sum(share for share, _ in found)
+        return tuple((share / total, process) for share, process in found)
+
+    def refined(self) -> _Tried:
+        """The minimum about the best point of the grid, for the smoothness with the lower cost."""
+        first = self.best
+        step, around = math.log(self.times[1] / self.times[0]), math.log(first.place.time_constant)
+        bounds = max(around - step, math.log(self.times[0])), min(around + step, math.log(self.times[-1]))
+        found = []
         for smoothness in _SMOOTHNESS:
 
-            def candidate(y: np.ndarray, smoothness: Smoothness = smoothness) -> _Candidate:
-                time_constant = math.exp(float(np.clip(y[0], *bounds)))
-                return _Candidate(first.profile, time_constant, math.exp(float(y[1])), smoothness)
+            def at(log_time: float, smoothness: Smoothness = smoothness) -> _Tried:
+                return self._of_best_size(_Place(first.place.profile, math.exp(log_time), smoothness), first.size)
 
-            minimum = scipy.optimize.minimize(
-                lambda y, candidate=candidate: self.at(candidate(y)).cost, start, method="Nelder-Mead", options=options
-            )
-            one = candidate(minimum.x)
-            found.append((one, self.at(one)))
-        return min(found, key=lambda pair: pair[1].cost)
+            found.append(_minimum_between(at, bounds, _TIME_TOLERANCE))
+        return min(found, key=lambda one: one.point.cost)
+
+    def _of_best_size(self, place: _Place, size: float) -> _Tried:
+        """The minimum over sizes up to four times smaller or larger than a first one."""
+        bounds = math.log(size / 4.0), math.log(size * 4.0)
+        return _minimum_between(lambda log_size: self.at(place, math.exp(log_size)), bounds, _SIZE_TOLERANCE)
 
 
-def _inflation(best: _Point, points: list[_Point]) -> np.ndarray:
+def _minimum_between(at: Callable[[float], _Tried], bounds: tuple[float, float], tolerance: float) -> _Tried:
+    """The disturbance of the lowest cost between two values of a logarithm."""
+
+    def cost(value: float) -> float:
+        return at(value).point.cost
+
+    found = scipy.optimize.minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": tolerance})
+    return at(float(found.x))
+
+
+def _inflation(best: _Point, posterior: list[tuple[float, _Tried]]) -> np.ndarray:
     """Each parameter's standard error over the posterior of the disturbance, over the one at its best point.
 
     The total variance is the mean of the variances plus the variance of the means.
     """
-    costs = np.array([one.cost for one in points])
-    probability = np.exp(-0.5 * (costs - costs.min()))
-    probability /= probability.sum()
     at_best = np.diag(best.covariance)
+    shares = np.array([share for share, _ in posterior])
+    points = [one.point for _, one in posterior]
     spread = np.stack([np.diag(one.covariance) + (one.shift - best.shift) ** 2 for one in points])
-    return np.sqrt(np.maximum(probability @ spread / np.maximum(at_best, 1e-300), 1.0))
+    return np.sqrt(np.maximum(shares @ spread / np.maximum(at_best, 1e-300), 1.0))
+
+
+def _prior_cost(std: float, time_constant: float) -> float:
+    """-2 log of the prior of the size and of the logarithm of the time constant; 0 at the most probable ones.
+
+    Args:
+        std: s, W/m2 or K/day. time_constant: tau, s.
+    """
+    ratio = _RARE**2 * SHORTEST_TIME / time_constant  # 1 at the most probable time constant
+    return 2.0 * _RARE * std / LARGEST_STD + 2.0 * (math.sqrt(ratio) - 1.0) - math.log(ratio)

@@ -18,7 +18,7 @@ it is an autoregression of second order with the same variance and the same firs
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -119,10 +119,30 @@ def filter_model(case: Case, fit: GLSFit) -> FilterModel:
         case: of the fit.
         fit: its noise, the errors of the faces, its disturbance and the priors of its parameters are the model's.
     """
+    return filter_model_of(fitted_readings(fit), readings_at(case, fit))
+
+
+def alternative_filter_models(case: Case, fit: GLSFit) -> list[tuple[float, FilterModel]]:
+    """The filter's model for each probable disturbance of a fit, with its probability; one without a disturbance.
+
+    Args:
+        case, fit: as for `filter_model`.
+    """
+    if fit.disturbance is None:
+        return [(1.0, filter_model(case, fit))]
+    fitted, readings = fitted_readings(fit), readings_at(case, fit)
+    return [
+        (share, filter_model_of(replace(fitted, disturbance=one, white=one.noise_size), readings))
+        for share, one in fit.disturbance.alternatives
+    ]
+
+
+def fitted_readings(fit: GLSFit) -> FittedReadings:
+    """The readings of a fit, with what was fitted."""
     data, noise = fit.problem.data, fit.robust or fit.noise
     prior_std, deviation = np.ones(len(fit.z)), fit.z.copy()
     prior_std[0], deviation[0] = _UNKNOWN_STD, 0.0
-    fitted = FittedReadings(
+    return FittedReadings(
         shape=fit.noise_shape,
         white=noise.white,
         autocorrelated=noise.autocorrelated,
@@ -134,7 +154,6 @@ def filter_model(case: Case, fit: GLSFit) -> FilterModel:
         prior_std=prior_std,
         deviation=deviation,
     )
-    return filter_model_of(fitted, readings_at(case, fit))
 
 
 def filter_model_of(fitted: FittedReadings, readings: DisturbedReadings) -> FilterModel:
