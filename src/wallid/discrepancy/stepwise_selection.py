@@ -117,24 +117,31 @@ class StepwiseSelection:
         return base
 
     def select_further(self, fit: EffectFit, progress: Callable[[float], None]) -> EffectFit:
-        """Exchange, add and remove effects until the set of effects stays the same."""
+        """Exchange, add and remove effects until the set of effects stays the same.
+
+        With the noise estimated again, an effect that was added may not be needed. It is not added a second time.
+        """
         if not fit.active:
             return fit
-        fit = self.fits.refit_with_estimated_noise(fit)
+        fit, removed = self.fits.refit_with_estimated_noise(fit), set[EffectParameters]()
         for count in range(_MAX_ROUNDS):
             progress(count / _MAX_ROUNDS)
             new = self._exchange(fit)
-            new = self._add_one(new) if len(new.active) < _MAX_EFFECTS else new
-            new = self._remove_one(new)
+            larger = self._add_one(new, removed) if len(new.active) < _MAX_EFFECTS else new
+            new = self._remove_one(larger)
             if set(new.active) == set(fit.active):
                 return new
+            if len(new.active) < max(len(larger.active), len(fit.active)):
+                removed |= {*fit.active, *larger.active} - set(new.active)
             fit = self.fits.refit_with_estimated_noise(new)
         return fit
 
-    def _add_one(self, fit: EffectFit) -> EffectFit:
+    def _add_one(self, fit: EffectFit, removed: set[EffectParameters]) -> EffectFit:
         scores = self.fits.score_candidates(fit)
         significant = (
-            k for k in scores.best_penalised(2) if scores.gain[k] > self._threshold(scores, scores.effect(k))
+            k
+            for k in scores.best_penalised(2)
+            if scores.gain[k] > self._threshold(scores, scores.effect(k)) and scores.effect(k) not in removed
         )
         fits = [self.fits.add_candidates(scores, (k,)) for k in significant]
         return self._best(fit, fits, lambda added: self._threshold(scores, added[0]))
@@ -217,7 +224,7 @@ class StepwiseSelection:
             values = {
                 key: (float(fit.parameters[name]), fit.std(name)) for key, name in effect_parameters.full_names.items()
             }
-            exchanged = [other for other in self.rivals if set(base.active) < set(other.active)]
+            exchanged = [other for other in self.rivals if _has_one_more(other, base)]
             close = [other for other in exchanged if penalised_cost(other) - penalised_cost(fit) < RIVAL]
             others = (
                 next(e for e in other.active if e not in base.active)
@@ -239,6 +246,11 @@ class StepwiseSelection:
                 )
             )
         return tuple(sorted(named_effects, key=lambda named: -named.gain))
+
+
+def _has_one_more(fit: EffectFit, base: EffectFit) -> bool:
+    """Whether a fit has the effects of a base and one more."""
+    return len(fit.active) == len(base.active) + 1 and set(base.active) < set(fit.active)
 
 
 def _comparable(base: EffectFit, fit: EffectFit) -> float:
