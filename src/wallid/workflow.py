@@ -19,7 +19,7 @@ from .case.case_definition import Case
 from .case.mixups import Mixup, visible_mixups
 from .case.record_check import RecordCheck, check
 from .case.time_window import Window, diagnosis_window, entire_record
-from .discrepancy.diagnosis_result import Diagnosis
+from .discrepancy.result.diagnosis_result import Diagnosis
 from .discrepancy.screening import Screening, screen
 from .discrepancy.search_for_effects import diagnose
 from .estimation.diffusivity import check_draws, estimate, seconds_of_estimate

@@ -13,7 +13,6 @@ from benchmarks.reference.simulator_with_effects import Hidden, Spec, write_case
 import wallid
 from wallid.case.options import ACTIONS, Choices
 from wallid.case.planned_campaign import CampaignSettings
-from wallid.discrepancy.candidate_fits import CandidateFits
 from wallid.discrepancy.effect_fit import linearised_at, refit
 from wallid.discrepancy.next_measurement import changed_faces
 from wallid.discrepancy.next_measurement.actions import EFFORTS, Action, Prescription, best_actions
@@ -27,6 +26,7 @@ from wallid.discrepancy.next_measurement.refits import refitted_separations
 from wallid.discrepancy.next_measurement.search import what_to_measure
 from wallid.discrepancy.next_measurement.unlogged_columns import typical_courses, unlogged_columns
 from wallid.discrepancy.problem import diagnosis_problem
+from wallid.discrepancy.selection.candidate_fits import CandidateFits
 
 SPEC = Spec(
     length=0.4,

@@ -12,9 +12,9 @@ from studies import SPEC, parameters_at, prepare
 
 import wallid
 from wallid.case.time_window import diagnosis_window
-from wallid.discrepancy.candidate_fits import CandidateFits
 from wallid.discrepancy.model_with_effects import face_impulse_response, predict
 from wallid.discrepancy.problem import diagnosis_problem
+from wallid.discrepancy.selection.candidate_fits import CandidateFits
 from wallid.estimation.diffusivity import estimate_by_gls
 from wallid.inference.likelihood import face_response
 from wallid.models.window_inputs import full_order_model, window_data

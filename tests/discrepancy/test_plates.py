@@ -12,10 +12,10 @@ from scipy.interpolate import PchipInterpolator
 from studies import SPEC, parameters_at, prepare, slot_of
 
 import wallid
-from wallid.discrepancy.chance_gains import ChanceGains
 from wallid.discrepancy.effects.catalogue import library, untestable
 from wallid.discrepancy.model_with_effects import face_change_response, first_order_columns, linearise, predict
 from wallid.discrepancy.problem import diagnosis_problem
+from wallid.discrepancy.selection.chance_gains import ChanceGains
 from wallid.records.face_variation import FaceErrors
 
 WITH_PLATES = replace(SPEC, plates=("left", "right"), flux_noise_std=1e-6)

@@ -16,7 +16,7 @@ from wallid.discrepancy.cross_validation import cross_validate, effect_by_window
 from wallid.discrepancy.effect_fit import refit
 from wallid.discrepancy.problem import DiagnosisProblem
 from wallid.discrepancy.residual_tests import chi_square_p_value, run_residual_tests
-from wallid.discrepancy.score_test import Candidate, CandidateJacobian, candidate_jacobian, score_candidates
+from wallid.discrepancy.selection.score_test import Candidate, CandidateJacobian, candidate_jacobian, score_candidates
 
 OFFSET = 0.25
 HOURLY = replace(

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from wallid.discrepancy.stepwise_selection import StepwiseSelection, _has_one_more
+from wallid.discrepancy.selection.stepwise_selection import StepwiseSelection, _has_one_more
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from benchmarks.accuracy.disturbance import CAPACITY, FINE, LENGTH, STEP, Kind
 from heated_walls import case_of, hidden_heat
 
 from wallid import plot
-from wallid.discrepancy.candidate_fits import CandidateFits
 from wallid.discrepancy.problem import diagnosis_problem
+from wallid.discrepancy.selection.candidate_fits import CandidateFits
 from wallid.discrepancy.unexplained_heat import unexplained_heat
 
 KIND, NUMBER = Kind("sensors", "wall", 3.0), 5000

@@ -20,7 +20,7 @@ import wallid
 from wallid import plot, workflow
 from wallid._internal.number_formats import format_text, terminal_text
 from wallid.cli.commands import app
-from wallid.discrepancy.acceptance import FIRST_EFFECT_LEVEL
+from wallid.discrepancy.selection.acceptance import FIRST_EFFECT_LEVEL
 from wallid.plot import missing_effects as drawn
 from wallid.plot import residuals as remainder
 from wallid.plot.house_style import contrast

@@ -1,10 +1,10 @@
 """Diagnosis of model error: which physical effect the plain model misses, its size, and the diffusivity with it."""
 
-from .diagnosis_result import Diagnosis
-from .effect_results import NamedEffect, RankedEffect, Trial
 from .next_measurement.actions import Action, Prescription
 from .next_measurement.plan_with_columns import plan
 from .problem import diagnosis_problem
+from .result.diagnosis_result import Diagnosis
+from .result.effect_results import NamedEffect, RankedEffect, Trial
 from .search_for_effects import diagnose
 
 __all__ = [

@@ -10,12 +10,12 @@ import numpy as np
 from .._internal.number_formats import p_value_text, value_and_std
 from .._internal.result_object import ResultObject, plain_value
 from ..case.case_definition import Case
-from .acceptance import RESIDUAL_TEST_LEVEL
-from .candidate_fits import CandidateFits
 from .compilation import compile_together
 from .effect_fit import EffectFit
 from .problem import diagnosis_problem
-from .score_test import CandidateScores
+from .selection.acceptance import RESIDUAL_TEST_LEVEL
+from .selection.candidate_fits import CandidateFits
+from .selection.score_test import CandidateScores
 
 SCREENING_LEVEL = 0.005
 """Significance level of the score test of the entire library. On 160 records with nothing missing, 1.5 % were below."""

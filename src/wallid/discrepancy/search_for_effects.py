@@ -9,18 +9,18 @@ from .._internal.progress import Progress, shown_progress
 from ..case.case_definition import Case
 from ..case.mixups import visible_mixups
 from ..estimation.materials import implausible
-from .acceptance import RIVAL, penalised_cost
-from .candidate_fits import CandidateFits
 from .compilation import compile_together
 from .cross_validation import cross_validate
-from .diagnosis_result import Diagnosis
 from .effect_fit import EffectFit
-from .mixup_search import MixupFit, best_mixup, copied_sensor, is_rather_a_lag, wrong_length_unit
+from .mixups.mixup_search import MixupFit, best_mixup, copied_sensor, is_rather_a_lag, wrong_length_unit
 from .next_measurement.search import what_to_measure
 from .problem import diagnosis_problem
-from .score_test import CandidateScores
+from .result.diagnosis_result import Diagnosis
 from .screening import screen, screening_of
-from .stepwise_selection import StepwiseSelection
+from .selection.acceptance import RIVAL, penalised_cost
+from .selection.candidate_fits import CandidateFits
+from .selection.score_test import CandidateScores
+from .selection.stepwise_selection import StepwiseSelection
 from .unexplained_heat import unexplained_heat
 
 

@@ -13,11 +13,11 @@ from matplotlib.ticker import MaxNLocator
 
 from .._internal.number_formats import format_unit
 from .._internal.units import DAY
-from ..discrepancy.diagnosis_result import Diagnosis
 from ..discrepancy.effect_fit import EffectFit
 from ..discrepancy.model_with_effects import face_impulse_response
 from ..discrepancy.problem import DiagnosisProblem
 from ..discrepancy.residual_tests import ResidualTests
+from ..discrepancy.result.diagnosis_result import Diagnosis
 from ..models.flux_plates import face_noise_of_model, fluxes_of
 from .house_style import GREY, axes_or_new, curve_style, line_style, marker_style, sensor_colour
 from .legends import legend_above, legend_below, root_figure, shortened, use_constrained_layout

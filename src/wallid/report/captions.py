@@ -11,7 +11,7 @@ from .._internal.number_formats import format_text
 from .record_captions import record_caption, record_text, wall_caption, wall_text
 
 if TYPE_CHECKING:
-    from ..discrepancy.diagnosis_result import Diagnosis
+    from ..discrepancy.result.diagnosis_result import Diagnosis
     from ..estimation.many_windows import CampaignEstimate
     from ..estimation.prediction import Prediction
     from ..estimation.result_objects import Estimate

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 
 from .. import plot
 from ..case.time_window import Window, diagnosis_window, entire_record
-from ..discrepancy.diagnosis_result import Diagnosis
 from ..discrepancy.effect_fit import EffectFit
 from ..discrepancy.residual_tests import ResidualTests
+from ..discrepancy.result.diagnosis_result import Diagnosis
 from ..estimation.diffusivity import sensitivity_in_kelvin
 from ..estimation.unknown_heat import UnknownHeat
 from ..models.flux_plates import plate_outputs

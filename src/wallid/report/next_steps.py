@@ -9,7 +9,7 @@ from ..estimation.heat_flux import R_SURFACES, SURFACES_TEXT
 from ..estimation.materials import materials_like
 
 if TYPE_CHECKING:
-    from ..discrepancy.diagnosis_result import Diagnosis
+    from ..discrepancy.result.diagnosis_result import Diagnosis
     from ..workflow import Run
 
 _REMEDIES = {

@@ -10,7 +10,7 @@ import numpy as np
 from ..case.initial_profile import scales
 from ..case.record_check import describe_record
 from ..case.time_window import diagnosis_window
-from ..discrepancy.result_entries import evidence_entries
+from ..discrepancy.result.result_entries import evidence_entries
 from ..estimation.heat_flux import ThermalProperties
 from ..estimation.many_windows import CampaignEstimate
 from ..estimation.pooled_mean import PooledMean

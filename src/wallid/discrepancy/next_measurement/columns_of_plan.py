@@ -15,12 +15,12 @@ from ...case.time_window import Window
 from ...case.wall_and_sensors import SIDES
 from ...inference.likelihood import LOG_DIFFUSIVITY
 from ...models.flux_plates import fluxes_of
-from ..acceptance import FIRST_EFFECT_LEVEL
-from ..candidate_fits import CandidateFits
 from ..effect_fit import linearised_at
 from ..effects.catalogue import unlogged
 from ..problem import EffectParameters, diagnosis_problem
-from ..score_test import CandidateScores
+from ..selection.acceptance import FIRST_EFFECT_LEVEL
+from ..selection.candidate_fits import CandidateFits
+from ..selection.score_test import CandidateScores
 from .unlogged_columns import typical_courses
 
 _LONGEST = 14 * 24  # rows of the planned campaign that are looked at

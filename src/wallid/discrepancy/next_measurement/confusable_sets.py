@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ..acceptance import FIRST_EFFECT_LEVEL, RIVAL, penalised_cost
 from ..effect_fit import EffectFit
-from ..effect_results import NamedEffect
-from ..findings import Findings
 from ..problem import EffectParameters
+from ..result.effect_results import NamedEffect
+from ..result.findings import Findings
+from ..selection.acceptance import FIRST_EFFECT_LEVEL, RIVAL, penalised_cost
 from .candidate_records import CandidateRecord
 from .present_record import PresentRecord
 from .separation import Separation, separation

@@ -15,7 +15,7 @@ import numpy as np
 from ...experiment_design.campaign_plan.expected_intervals import chance_of_uninformative
 from ...inference.likelihood import LOG_DIFFUSIVITY
 from ..effect_fit import linearised_at
-from ..findings import Findings
+from ..result.findings import Findings
 from .candidate_records import CandidateRecord
 from .present_record import PresentRecord
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from ..._internal.units import DAY
 from ...inference.likelihood import LOG_DIFFUSIVITY
-from ..acceptance import bic_penalty
 from ..effect_fit import EffectFit
 from ..effects.material import DiffusivityDrift
 from ..effects.sensors import SensorDrift
 from ..problem import DiagnosisProblem
+from ..selection.acceptance import bic_penalty
 from .separation import Explanation, Growth
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from ..findings import Findings
+from ..result.findings import Findings
 from .actions import EFFORTS, Action, ActionKind, Prescription, best_actions, score
 from .added_instrument import records_with_instrument
 from .candidate_records import CandidateRecord, LongerRecord, longer_records, records_with_sensor

@@ -19,14 +19,14 @@ import numpy as np
 
 from ...case.wall_and_sensors import SIDES
 from ...records.uniform_record import Record
-from ..acceptance import FIRST_EFFECT_LEVEL, RIVAL
-from ..candidate_fits import CandidateFits
 from ..effect_fit import EffectFit, refit
 from ..effects.catalogue import unlogged
-from ..findings import Findings
 from ..problem import DiagnosisProblem, EffectParameters, diagnosis_problem
 from ..record_forcing import hours_of_day
-from ..score_test import CandidateScores
+from ..result.findings import Findings
+from ..selection.acceptance import FIRST_EFFECT_LEVEL, RIVAL
+from ..selection.candidate_fits import CandidateFits
+from ..selection.score_test import CandidateScores
 from .separation import Separation
 
 _FACTORS = np.geomspace(0.5, 2.0, 5)  # of the typical size

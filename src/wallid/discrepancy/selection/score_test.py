@@ -18,12 +18,12 @@ from functools import cached_property
 
 import numpy as np
 
-from ..inference.likelihood import LOG_DIFFUSIVITY
+from ...inference.likelihood import LOG_DIFFUSIVITY
+from ..effect_fit import EffectFit
+from ..model_with_effects import first_order_columns
+from ..problem import DiagnosisProblem, EffectParameters
 from .acceptance import bic_penalty
 from .chance_gains import ChanceGains, draw_scores
-from .effect_fit import EffectFit
-from .model_with_effects import first_order_columns
-from .problem import DiagnosisProblem, EffectParameters
 
 _PAIR_DRAWS = 200
 _COLLINEAR = 1e-3  # 1 - cosine^2 below which two effects cannot be distinguished

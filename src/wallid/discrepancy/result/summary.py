@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._internal.number_formats import p_value_text, value_and_std
-from ..estimation.materials import implausible
-from ..inference.quantity import Quantity
-from ..models.flux_plates import fluxes_of
+from ..._internal.number_formats import p_value_text, value_and_std
+from ...estimation.materials import implausible
+from ...inference.quantity import Quantity
+from ...models.flux_plates import fluxes_of
+from ..effects.catalogue import untestable
+from ..problem import DiagnosisProblem, EffectParameters
 from .effect_results import NamedEffect
-from .effects.catalogue import untestable
 from .findings import Findings
-from .problem import DiagnosisProblem, EffectParameters
 from .wall_properties import RESISTANCE
 
 _TABLE_ROWS = 8

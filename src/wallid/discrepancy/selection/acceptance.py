@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..inference.likelihood import LOG_DIFFUSIVITY
-from .effect_fit import EffectFit
-from .problem import EffectParameters
+from ...inference.likelihood import LOG_DIFFUSIVITY
+from ..effect_fit import EffectFit
+from ..problem import EffectParameters
 
 FIRST_EFFECT_LEVEL = 0.03
 """Significance level of the first effect, family-wise over the entire library."""

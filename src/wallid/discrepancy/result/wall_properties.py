@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..inference.likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY
-from ..inference.quantity import Quantity
-from .effect_fit import EffectFit
+from ...inference.likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY
+from ...inference.quantity import Quantity
+from ..effect_fit import EffectFit
 
 
 @dataclass(frozen=True)

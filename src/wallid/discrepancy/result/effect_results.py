@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from .._internal.number_formats import value_and_std
-from .cross_validation import EffectByWindow
-from .effect_fit import EffectFit
-from .problem import EffectParameters
+from ..._internal.number_formats import value_and_std
+from ..cross_validation import EffectByWindow
+from ..effect_fit import EffectFit
+from ..problem import EffectParameters
 
 
 @dataclass

@@ -7,19 +7,19 @@ from functools import cached_property
 
 import numpy as np
 
-from ..case.mixups import Mixup
-from ..estimation.heat_flux import transmittance
-from ..estimation.unknown_heat import UnknownHeat
-from ..inference.physical_bounds import clip_to_physical
-from ..inference.quantity import Quantity
-from .acceptance import FIRST_EFFECT_LEVEL, RESIDUAL_TEST_LEVEL, reason_for_refusal
-from .cross_validation import Gap
-from .effect_fit import EffectFit
+from ...case.mixups import Mixup
+from ...estimation.heat_flux import transmittance
+from ...estimation.unknown_heat import UnknownHeat
+from ...inference.physical_bounds import clip_to_physical
+from ...inference.quantity import Quantity
+from ..cross_validation import Gap
+from ..effect_fit import EffectFit
+from ..next_measurement.actions import Prescription
+from ..problem import DiagnosisProblem, EffectParameters
+from ..residual_tests import ResidualTests
+from ..selection.acceptance import FIRST_EFFECT_LEVEL, RESIDUAL_TEST_LEVEL, reason_for_refusal
+from ..selection.score_test import CandidateScores
 from .effect_results import NamedEffect, RankedEffect, Trial
-from .next_measurement.actions import Prescription
-from .problem import DiagnosisProblem, EffectParameters
-from .residual_tests import ResidualTests
-from .score_test import CandidateScores
 from .wall_properties import DIFFUSIVITY, RESISTANCE, WallProperty, wall_properties
 
 _SIMILAR_COSINE = 0.95  # from this cosine of two derivatives on, two effects count as similar

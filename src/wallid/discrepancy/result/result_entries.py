@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ..records.uniform_record import Record
-from .cross_validation import Gap
+from ...records.uniform_record import Record
+from ..cross_validation import Gap
+from ..effects.catalogue import untestable
 from .effect_results import NamedEffect
-from .effects.catalogue import untestable
 from .findings import Findings
 from .wall_properties import DIFFUSIVITY
 

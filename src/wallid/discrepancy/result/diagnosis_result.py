@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from .._internal.html import html_table, html_text, interval_row
-from .._internal.result_object import ResultObject, plain_value
+from ..._internal.html import html_table, html_text, interval_row
+from ..._internal.result_object import ResultObject, plain_value
 from .findings import Findings
 from .result_entries import diagnosis_entries
 from .summary import diagnosis_summary, verdict_sentence

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..inference.likelihood import LOG_DIFFUSIVITY
-from ..inference.noise_covariance import NoiseCovariance
-from ..inference.whittle_likelihood import MIN_READINGS, estimate_noise
+from ...inference.likelihood import LOG_DIFFUSIVITY
+from ...inference.noise_covariance import NoiseCovariance
+from ...inference.whittle_likelihood import MIN_READINGS, estimate_noise
+from ..effect_fit import EffectFit, refit
+from ..problem import DiagnosisProblem, EffectParameters
+from ..residual_tests import ResidualTests, omnibus_directions, run_residual_tests
+from ..result.effect_results import Trial
 from .acceptance import reason_for_refusal
-from .effect_fit import EffectFit, refit
-from .effect_results import Trial
-from .problem import DiagnosisProblem, EffectParameters
-from .residual_tests import ResidualTests, omnibus_directions, run_residual_tests
 from .score_test import CandidateJacobian, CandidateScores, candidate_jacobian, score_candidates
 
 _MODEL_ERROR = 1e-3  # share of the gain of an effect that its discretisation may leave in the residual: 3 % of its size

@@ -1,0 +1,1 @@
+"""Mix-ups of columns, units, places and clocks: their corrections, and the search for one that explains a record."""
