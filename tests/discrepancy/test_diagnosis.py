@@ -1,6 +1,7 @@
 """The search for a missing effect, on records of the independent simulator that hide one, two or none."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -59,6 +60,10 @@ def names(found):
 def test_nothing_is_missing_from_a_wall_from_which_nothing_is(explained, noise):
     found, truth = explained(noise=noise)
     assert found.verdict == "adequate", str(found)
+    assert not found.unexplained.is_clear
+    heat = SimpleNamespace(is_clear=True, disturbance="heat behind the left face", fit_beside=found.final)
+    doubted = replace(found, unexplained=heat)
+    assert doubted.verdict == "unnamed" and "is rather heat behind the left face" in doubted.sentence
     assert "It would have shown" in found.sentence and "a sensor misplaced by" in found.sentence
     assert "what is smaller may be there" in found.sentence and "could have shown little" not in found.sentence
     assert abs(np.log(found.after.diffusivity / truth)) < 4 * found.after.log_std

@@ -5,13 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.accuracy.disturbance import CAPACITY, FINE, LENGTH, STEP, Kind
+from benchmarks.accuracy.disturbance import CAPACITY, DIFFUSIVITY, FINE, LENGTH, SENSOR_STD, STEP, Kind
 from heated_walls import case_of, hidden_heat
+from scipy.signal import lfilter
 
 from wallid import plot
 from wallid.discrepancy.problem import diagnosis_problem
+from wallid.discrepancy.result.wall_properties import DIFFUSIVITY as DIFFUSIVITY_PROPERTY
 from wallid.discrepancy.selection.candidate_fits import CandidateFits
-from wallid.discrepancy.unexplained_heat import unexplained_heat
+from wallid.discrepancy.unexplained_heat import UnexplainedHeat
 
 KIND, NUMBER = Kind("sensors", "wall", 3.0), 5000
 
@@ -22,13 +24,41 @@ def hidden():
 
 
 @pytest.fixture(scope="module")
-def left():
+def unexplained():
     case = case_of(KIND, NUMBER)
     missing = case.record.sensors.copy()
     missing[100:110, 0] = np.nan
     record = replace(case.record, sensors=missing, regressors={"wind": hidden() + 20.0})
     case = replace(case, wall=replace(case.wall, heat_capacity=CAPACITY), record=record)
-    return unexplained_heat(CandidateFits(diagnosis_problem(case)).fit_plain_model())
+    return UnexplainedHeat(CandidateFits(diagnosis_problem(case)).fit_plain_model())
+
+
+@pytest.fixture(scope="module")
+def left(unexplained):
+    return unexplained.course()
+
+
+def test_it_explains_more_than_noise_with_a_memory(unexplained):
+    """The residual alone is described by autocorrelated noise as well; through both sensors it is heat."""
+    assert unexplained.fit.noise.autocorrelated > 0.3 and unexplained.is_clear
+    allowed = UnexplainedHeat(unexplained.fit, allowance=1e5)
+    assert not allowed.is_clear
+
+
+def test_the_fit_beside_it_holds_the_diffusivity(unexplained):
+    low, high = DIFFUSIVITY_PROPERTY.of(unexplained.fit_beside).interval_95
+    assert low < DIFFUSIVITY < high
+    assert unexplained.fit_beside.noise.autocorrelated == 0.0
+
+
+def test_noise_with_a_memory_is_not_taken_for_heat():
+    """The same wall without heat, the sensors' noise with a correlation of 0.9 from row to row."""
+    case = case_of(Kind("sensors", "nothing", 3.0), NUMBER)
+    rows, rng = case.record.rows, np.random.default_rng(3)
+    noise = lfilter([np.sqrt(1 - 0.9**2)], [1.0, -0.9], rng.standard_normal((rows + 100, 2)), axis=0)[100:]
+    case = replace(case, record=replace(case.record, sensors=case.record.sensors + 2.0 * SENSOR_STD * noise))
+    found = UnexplainedHeat(CandidateFits(diagnosis_problem(case)).fit_plain_model())
+    assert found.fit.noise.autocorrelated > 1.0 and found.disturbance.evidence < 3.0 and not found.is_clear
 
 
 def test_it_is_like_the_hidden_heat(left):

@@ -21,7 +21,7 @@ from .selection.acceptance import RIVAL, penalised_cost
 from .selection.candidate_fits import CandidateFits
 from .selection.score_test import CandidateScores
 from .selection.stepwise_selection import StepwiseSelection
-from .unexplained_heat import unexplained_heat
+from .unexplained_heat import UnexplainedHeat
 
 
 def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
@@ -57,12 +57,13 @@ def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
             found = _search_corrected(plain, equal, report)
         text = "diagnose: what to measure next"
         prescriptions = what_to_measure(found, lambda share: report(text, 0.96 + 0.03 * share))
-        heat = None
+        course = None
         if found.verdict == "unnamed":
             report("diagnose: the course of what is left", 0.99)
-            heat = unexplained_heat(found.final)
+            heat = found.unexplained or UnexplainedHeat(found.final)
+            course = None if heat.disturbance is None else heat.course()
     others = (one for one in visible_mixups(case) if one.kind in ("flux_sign", "clock"))
-    return replace(found, mixups=(*found.mixups, *others), prescriptions=prescriptions, unknown_heat=heat)
+    return replace(found, mixups=(*found.mixups, *others), prescriptions=prescriptions, unknown_heat=course)
 
 
 class _PlainModel(NamedTuple):
@@ -136,7 +137,7 @@ def _search(plain_model: _PlainModel, progress: Progress) -> Diagnosis:
     progress("diagnose: cross-validation", 0.9)
     if best.active:  # both with the noise of the final model
         plain = fits.plain_model_with_noise_of(best)
-    return Diagnosis(
+    found = Diagnosis(
         problem=problem,
         plain=plain_estimate,
         before=plain,
@@ -150,3 +151,7 @@ def _search(plain_model: _PlainModel, progress: Progress) -> Diagnosis:
         p_value_of_one_more=p_value_of_one_more,
         rivals=tuple(selection.rivals),
     )
+    if found.incomplete:
+        return found
+    progress("diagnose: heat that no effect explains", 0.94)
+    return replace(found, unexplained=UnexplainedHeat(found.final, fits.model_error_allowance(best)))

@@ -1,83 +1,129 @@
-"""The shape of what no known effect explains: heat in the wall, as the residual of a diagnosis shows it.
+"""Heat in the wall that explains what no known effect does, as the residual of a diagnosis shows it.
 
-The disturbance of an estimate is searched in the residual of the final model, all its parameters integrated out, and
-smoothed. No daily kernel is used: it would take the daily course of the sun for noise.
+The disturbance of an estimate is searched in the residual of the final model, all its parameters integrated out. Its
+evidence is that over autocorrelated noise, so that memory alone is not taken for heat. Its course is smoothed. No daily
+kernel is used: it would take the daily course of the sun for noise.
 """
 
 from __future__ import annotations
 
-from functools import partial
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
-from ..case.time_window import diagnosis_window
+from ..case.time_window import Window, diagnosis_window
 from ..estimation.unknown_heat import UnknownHeat, unknown_heat_of
-from ..inference.disturbance_covariance import disturbed_readings
-from ..inference.disturbance_search import RestrictedLikelihood, find_disturbance
+from ..inference.disturbance_covariance import DisturbedReadings, disturbed_readings
+from ..inference.disturbance_search import Disturbance, RestrictedLikelihood, find_disturbance
 from ..inference.filter_model import FittedReadings, filter_model_of
 from ..inference.noise_covariance import BinnedReadings
 from ..models.flux_plates import with_filtered_faces, with_flux
 from ..models.window_inputs import window_data
-from .effect_fit import EffectFit
+from .effect_fit import EffectFit, refit
 from .model_with_effects import linearise
 
+CLEAR_EVIDENCE = 50.0
+"""Of -2 log L: records without heat have less than 3, with gusty faces at hourly rows up to 23."""
 _MAX_READINGS = 480  # of the search, as in an estimate
 _WIDE = 10.0  # typical sizes: the prior of a parameter that has none
 
 
-def unexplained_heat(fit: EffectFit) -> UnknownHeat | None:
-    """The heat that would explain the residual of a diagnosis; None where the readings are too few.
+class UnexplainedHeat:
+    """The heat that would explain the residual of a diagnosis.
 
     Args:
         fit: the final model of the diagnosis.
+        allowance: the part of `-2 log L` that the discretisation of its effects may leave in the residual.
+
+    Attributes:
+        disturbance: where it is, how large and with which memory; None where the readings are too few.
     """
-    problem, parameters = fit.problem, fit.parameters
-    case, window = problem.case, diagnosis_window(problem.case)
-    if problem.bins.nonempty <= 2 * len(parameters.estimated_names):
-        return None
-    mask = np.asarray(parameters.estimated)
-    stated = np.asarray(parameters.prior_std)[mask]
-    wide = _WIDE * np.asarray(parameters.scale)[mask]
-    unit = np.where(np.isfinite(stated) & (stated > 0), stated, wide)
-    unit[0] = 1.0
-    deviation = np.where(np.isfinite(stated), np.asarray(parameters.values)[mask] / unit, 0.0)
-    deviation[0] = 0.0
-    data = with_filtered_faces(case, window, with_flux(case, window, window_data(case, window)))
-    terms = problem.model.terms(parameters, linear=True)
-    disturbed = partial(
-        disturbed_readings, case, data, fit.diffusivity,
-        conductance=float(terms.conductivity) / case.wall.length, contacts=tuple(terms.film_lengths.tolist()),
-    )  # fmt: skip
-    readings = disturbed(spacing=problem.spacing)
-    factor = -(-problem.bins.readings // _MAX_READINGS)
-    coarse = BinnedReadings(problem.bins.observed, problem.bins.present, problem.bins.rows_per_bin * factor)
-    shape = problem.noise_shape(parameters, coarse)
-    fine = problem.noise_shape(parameters)
-    binned = shape.bins.in_coarser_bins(fine.bins)
-    jacobian, residual = fit.unwhitened()
-    likelihood = RestrictedLikelihood(
-        shape.counts.T.reshape(-1) > 0, binned(residual), binned((jacobian * unit).T).T, deviation
-    )
-    step = problem.record.step * problem.spacing
-    without = None if readings.in_flux else fit.noise  # as in an estimate
-    found = find_disturbance(readings, shape, step, likelihood, without)
-    rows = BinnedReadings(problem.bins.observed, problem.bins.present, 1)
-    names, linear = parameters.estimated_names, problem.is_linear(fit.active)
-    _, slopes = linearise(problem.model, rows, parameters, names, linear=linear)
-    count, instruments = rows.observed.shape
-    prior_std = np.ones(len(unit))
-    prior_std[0] = _WIDE
-    fitted = FittedReadings(
-        shape=fine,
-        white=found.noise_size,
-        autocorrelated=0.0,
-        correlation=0.0,
-        disturbance=found,
-        residual=fit.residual_at_rows,
-        present=np.isfinite(problem.readings),
-        jacobian=(np.asarray(slopes).T * unit).reshape(instruments, count, -1).transpose(1, 0, 2),
-        prior_std=prior_std,
-        deviation=deviation,
-    )
-    course, std = filter_model_of(fitted, disturbed()).smoothed_heat()
-    return unknown_heat_of(case, window, found, course, std)
+
+    def __init__(self, fit: EffectFit, allowance: float = 0.0):
+        self.fit, self.allowance = fit, allowance
+        problem, parameters = fit.problem, fit.parameters
+        mask = np.asarray(parameters.estimated)
+        stated = np.asarray(parameters.prior_std)[mask]
+        wide = _WIDE * np.asarray(parameters.scale)[mask]
+        self._unit = np.where(np.isfinite(stated) & (stated > 0), stated, wide)
+        self._unit[0] = 1.0
+        self._deviation = np.where(np.isfinite(stated), np.asarray(parameters.values)[mask] / self._unit, 0.0)
+        self._deviation[0] = 0.0
+        few = problem.bins.nonempty <= 2 * len(parameters.estimated_names)
+        self.disturbance: Disturbance | None = None if few else self._search()
+
+    @property
+    def _window(self) -> Window:
+        return diagnosis_window(self.fit.problem.case)
+
+    def _disturbed(self, spacing: int) -> DisturbedReadings:
+        """How heat changes the readings at every `spacing`-th row."""
+        case, window = self.fit.problem.case, self._window
+        terms = self.fit.problem.model.terms(self.fit.parameters, linear=True)
+        return disturbed_readings(
+            case, with_filtered_faces(case, window, with_flux(case, window, window_data(case, window))),
+            self.fit.diffusivity, conductance=float(terms.conductivity) / case.wall.length,
+            contacts=tuple(terms.film_lengths.tolist()), spacing=spacing,
+        )  # fmt: skip
+
+    @cached_property
+    def _readings(self) -> DisturbedReadings:
+        """The same at the rows with readings."""
+        return self._disturbed(self.fit.problem.spacing)
+
+    def _search(self) -> Disturbance:
+        problem, parameters = self.fit.problem, self.fit.parameters
+        factor = -(-problem.bins.readings // _MAX_READINGS)
+        coarse = BinnedReadings(problem.bins.observed, problem.bins.present, problem.bins.rows_per_bin * factor)
+        shape = problem.noise_shape(parameters, coarse)
+        binned = shape.bins.in_coarser_bins(problem.noise_shape(parameters).bins)
+        jacobian, residual = self.fit.unwhitened()
+        likelihood = RestrictedLikelihood(
+            shape.counts.T.reshape(-1) > 0, binned(residual), binned((jacobian * self._unit).T).T, self._deviation
+        )
+        step = problem.record.step * problem.spacing
+        return find_disturbance(self._readings, shape, step, likelihood, self.fit.noise)
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether heat explains the residual far better than noise with a memory does."""
+        return self.disturbance is not None and self.disturbance.evidence > CLEAR_EVIDENCE + self.allowance
+
+    @cached_property
+    def fit_beside(self) -> EffectFit:
+        """The same model fitted beside the heat: its covariance takes the place of the autocorrelated noise."""
+        one, problem = self.disturbance, self.fit.problem
+        assert one is not None
+        shape = problem.noise_shape(self.fit.parameters)
+        unit = self._readings.covariance(
+            one.profile, one.time_constant, one.smoothness, shape.bin_count, shape.rows_per_bin
+        )
+        noise = shape.covariance_of(one.noise_size, 0.0, self.fit.noise.correlation, one.std**2 * unit)
+        degrees = float(problem.bins.nonempty - len(self.fit.parameters.estimated_names))
+        return refit(problem, self.fit.active, self.fit.parameters, replace(noise, degrees_of_freedom=degrees))
+
+    def course(self) -> UnknownHeat:
+        """Its course, given all readings."""
+        assert self.disturbance is not None
+        problem, parameters = self.fit.problem, self.fit.parameters
+        rows = BinnedReadings(problem.bins.observed, problem.bins.present, 1)
+        names, linear = parameters.estimated_names, problem.is_linear(self.fit.active)
+        _, slopes = linearise(problem.model, rows, parameters, names, linear=linear)
+        count, instruments = rows.observed.shape
+        prior_std = np.ones(len(self._unit))
+        prior_std[0] = _WIDE
+        fitted = FittedReadings(
+            shape=problem.noise_shape(parameters),
+            white=self.disturbance.noise_size,
+            autocorrelated=0.0,
+            correlation=0.0,
+            disturbance=self.disturbance,
+            residual=self.fit.residual_at_rows,
+            present=np.isfinite(problem.readings),
+            jacobian=(np.asarray(slopes).T * self._unit).reshape(instruments, count, -1).transpose(1, 0, 2),
+            prior_std=prior_std,
+            deviation=self._deviation,
+        )
+        course, std = filter_model_of(fitted, self._disturbed(1)).smoothed_heat()
+        return unknown_heat_of(problem.case, self._window, self.disturbance, course, std)

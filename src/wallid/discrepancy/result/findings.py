@@ -19,6 +19,7 @@ from ..problem import DiagnosisProblem, EffectParameters
 from ..residual_tests import ResidualTests
 from ..selection.acceptance import FIRST_EFFECT_LEVEL, RESIDUAL_TEST_LEVEL, reason_for_refusal
 from ..selection.score_test import CandidateScores
+from ..unexplained_heat import UnexplainedHeat
 from .effect_results import NamedEffect, RankedEffect, Trial
 from .wall_properties import DIFFUSIVITY, RESISTANCE, WallProperty, wall_properties
 
@@ -49,6 +50,7 @@ class Findings:
         mixups: mistakes in the case, with whose correction all of the above was computed.
         uncorrected: the estimate with the plain model before the correction; None where there was none.
         prescriptions: what to measure next, for each question that the record leaves open.
+        unexplained: heat that would explain the residual of `final`; sought where no test shows anything else.
         unknown_heat: the course of the heat that would explain what no known effect does; None where nothing is left.
     """
 
@@ -67,6 +69,7 @@ class Findings:
     mixups: tuple[Mixup, ...] = ()
     uncorrected: EffectFit | None = field(default=None, repr=False)
     prescriptions: tuple[Prescription, ...] = field(default=(), repr=False)
+    unexplained: UnexplainedHeat | None = field(default=None, repr=False)
     unknown_heat: UnknownHeat | None = field(default=None, repr=False)
 
     @property
@@ -122,7 +125,15 @@ class Findings:
                 f"{self._named_labels}the error on the days held out is still {after:.3g} {self.gap.unit}, "
                 f"where noise alone gives {floor:.3g} {self.gap.unit}"
             )
+        if self._heat_left is not None:
+            disturbance = self._heat_left.disturbance
+            return f"{self._named_labels}what looks like noise with a memory is rather {disturbance}"
         return ""
+
+    @property
+    def _heat_left(self) -> UnexplainedHeat | None:
+        """Heat that explains the residual far better than noise with a memory does."""
+        return self.unexplained if self.unexplained is not None and self.unexplained.is_clear else None
 
     @property
     def _predicts_held_out_badly(self) -> bool:
@@ -171,6 +182,8 @@ class Findings:
         low, high = one.of(self.final).interval_95
         rivals = [fit for fit in self.rivals if any(effect in fit.active for effect in self._alternatives)]
         ends = [low, high, *(end for fit in rivals for end in one.of(fit).interval_95)]
+        if self._heat_left is not None:
+            ends += one.of(self._heat_left.fit_beside).interval_95
         low, high = min(ends), max(ends)
         if self.incomplete:
             rejected = [end for trial in self._rejected for end in one.of(trial.fit).interval_95]
