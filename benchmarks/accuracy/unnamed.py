@@ -49,9 +49,10 @@ def course_of(course: str, count: int, rng: np.random.Generator) -> np.ndarray:
     if course != "bursts":
         return random_process(count, 3.0 if course == "3 h" else 48.0, rng)
     seconds, heat = FINE * np.arange(count), np.zeros(count)
+    sure = round(BEFORE) + 1  # a day of the record that has a burst
     for day in range(int(seconds[-1] // 86400.0) + 1):
         start, length, size = rng.uniform(0.0, 20.0), rng.uniform(2.0, 6.0), rng.uniform(0.5, 1.5)
-        if rng.uniform() < 0.5:
+        if rng.uniform() < 0.5 or day == sure:
             hour = (seconds - 86400.0 * day) / 3600.0 - start
             heat += np.where((hour > 0.0) & (hour < length), size, 0.0)
     return heat

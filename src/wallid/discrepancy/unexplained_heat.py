@@ -69,7 +69,7 @@ class UnexplainedHeat:
 
     @cached_property
     def _readings(self) -> DisturbedReadings:
-        """The same at the rows with readings."""
+        """How heat changes the readings, at the rows with readings."""
         return self._disturbed(self.fit.problem.spacing)
 
     def _search(self) -> Disturbance:

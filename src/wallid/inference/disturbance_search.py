@@ -73,7 +73,7 @@ class Disturbance(ResultObject):
         evidence: -2 log L without it minus -2 log L with it, at the best size and time constant of each.
         noise_size: v, the noise's variance over the stated one.
         inflation: of each estimated parameter's standard error, by the uncertainty of place, size and time constant.
-        posterior: the most probable places, sizes and time constants, each with its probability.
+        posterior: the most probable places and time constants, each with its probability and its mean-square size.
     """
 
     profile: HeatProfile
@@ -156,7 +156,7 @@ class RestrictedLikelihood:
         self.prior_cost = float(self.precision @ deviation**2)
 
     def at(self, covariance: Float[np.ndarray, "reading reading"]) -> _Point:
-        """The minimum over the noise's size `v`, for a covariance over `v`."""
+        """The minimum over the noise's size `v`, for a covariance divided by `v`."""
         lower = np.linalg.cholesky(covariance[np.ix_(self.present, self.present)])
         whitened = scipy.linalg.solve_triangular(lower, self.columns, lower=True)
         return self._minimum(whitened.T @ whitened, 2.0 * float(np.sum(np.log(np.diag(lower)))))
@@ -164,7 +164,7 @@ class RestrictedLikelihood:
     def of_size(
         self, noise: Float[np.ndarray, "reading reading"], unit: Float[np.ndarray, "reading reading"]
     ) -> Callable[[float], _Point]:
-        """The minimum as a function of a size, for the covariance `noise + size^2 unit` over `v`.
+        """The minimum as a function of a size, for the covariance `v (noise + size^2 unit)`.
 
         With `noise = L L'` and `L^-1 unit L^-T = Q diag(l) Q'`, it is `L Q (1 + size^2 diag(l)) Q' L'`: one
         decomposition serves all sizes.
@@ -186,7 +186,7 @@ class RestrictedLikelihood:
         return at
 
     def _minimum(self, products: np.ndarray, log_det: float) -> _Point:
-        """The minimum over `v`, from the products of the whitened columns and ln det of the covariance over `v`."""
+        """The minimum over `v`, from the whitened columns' products and ln det of the covariance divided by `v`."""
         costs = self._costs(products, _NOISE_SIZES)
         best = int(np.clip(np.argmin(costs), 1, len(costs) - 2))
         before, at_best, after = costs[best - 1 : best + 2]
@@ -326,9 +326,13 @@ class _Search:
         return min(self.tried, key=lambda one: one.point.cost)
 
     def posterior(self) -> list[tuple[float, _Tried]]:
-        """The disturbances of the grid, each with its probability."""
+        """The disturbances of the grid, each with its probability.
+
+        The grid is even in the logarithm of the size, its prior is a density of the size: each weighs by its size.
+        """
         costs = np.array([one.point.cost for one in self.tried])
-        weights = np.exp(-0.5 * (costs - costs.min()))
+        sizes = np.array([self.process(one).std for one in self.tried])
+        weights = np.exp(-0.5 * (costs - costs.min())) * sizes
         return list(zip((weights / weights.sum()).tolist(), self.tried, strict=True))
 
     def most_probable(self, posterior: list[tuple[float, _Tried]]) -> tuple[tuple[float, _Process], ...]:
@@ -359,7 +363,7 @@ class _Search:
                 return self._of_best_size(_Place(first.place.profile, math.exp(log_time), smoothness), first.size)
 
             found.append(_minimum_between(at, bounds, _TIME_TOLERANCE))
-        return min(found, key=lambda one: one.point.cost)
+        return min([*found, first], key=lambda one: one.point.cost)
 
     def _of_best_size(self, place: _Place, size: float) -> _Tried:
         """The minimum over sizes up to four times smaller or larger than a first one."""

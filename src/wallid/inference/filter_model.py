@@ -132,14 +132,15 @@ def alternative_filter_models(case: Case, fit: GLSFit) -> list[tuple[float, Filt
         return [(1.0, filter_model(case, fit))]
     fitted, readings = fitted_readings(fit), readings_at(case, fit)
     return [
-        (share, filter_model_of(replace(fitted, disturbance=one, white=one.noise_size), readings))
+        (share, filter_model_of(replace(fitted, disturbance=one, white=one.noise_size, autocorrelated=0.0), readings))
         for share, one in fit.disturbance.alternatives
     ]
 
 
 def fitted_readings(fit: GLSFit) -> FittedReadings:
     """The readings of a fit, with what was fitted."""
-    data, noise = fit.problem.data, fit.robust or fit.noise
+    data = fit.problem.data
+    noise = fit.noise if fit.disturbance is not None else fit.robust or fit.noise  # robust noise holds the heat too
     prior_std, deviation = np.ones(len(fit.z)), fit.z.copy()
     prior_std[0], deviation[0] = _UNKNOWN_STD, 0.0
     return FittedReadings(

@@ -36,7 +36,7 @@ class MixupFit:
     Args:
         mixup: what was mixed up.
         case: the corrected case.
-        deviance: see the function.
+        deviance: of `deviance()`.
     """
 
     mixup: Mixup

@@ -125,13 +125,13 @@ class Findings:
                 f"{self._named_labels}the error on the days held out is still {after:.3g} {self.gap.unit}, "
                 f"where noise alone gives {floor:.3g} {self.gap.unit}"
             )
-        if self._heat_left is not None:
-            disturbance = self._heat_left.disturbance
-            return f"{self._named_labels}what looks like noise with a memory is rather {disturbance}"
+        if self.heat_left is not None:
+            disturbance = self.heat_left.disturbance
+            return f"{self._named_labels}what looks like noise that lasts for hours is rather {disturbance}"
         return ""
 
     @property
-    def _heat_left(self) -> UnexplainedHeat | None:
+    def heat_left(self) -> UnexplainedHeat | None:
         """Heat that explains the residual far better than noise with a memory does."""
         return self.unexplained if self.unexplained is not None and self.unexplained.is_clear else None
 
@@ -182,8 +182,8 @@ class Findings:
         low, high = one.of(self.final).interval_95
         rivals = [fit for fit in self.rivals if any(effect in fit.active for effect in self._alternatives)]
         ends = [low, high, *(end for fit in rivals for end in one.of(fit).interval_95)]
-        if self._heat_left is not None:
-            ends += one.of(self._heat_left.fit_beside).interval_95
+        if self.heat_left is not None:
+            ends += one.of(self.heat_left.fit_beside).interval_95
         low, high = min(ends), max(ends)
         if self.incomplete:
             rejected = [end for trial in self._rejected for end in one.of(trial.fit).interval_95]

@@ -50,10 +50,12 @@ def _sentence(findings: Findings) -> str:
         ratios = {name: rms[name] / floor for name, floor in zip(rms, floors, strict=True) if np.isfinite(floor)}
         resistance = findings.quantities.get("resistance")
         of_resistance = "" if resistance is None else f", the resistance {_range(resistance)}"
+        lies = f"The diffusivity lies between {low:.4g} and {high:.4g} m2/s{of_resistance}."
+        if findings.heat_left is not None:
+            return f"An effect is missing that is none of the known effects: {findings.incomplete}. {lies}"
         return (
             f"An effect is missing that is none of the known effects: the rms residual is {gap.after:.3g} {gap.unit}, "
-            f"where {noise}, largest at {max(ratios, key=ratios.__getitem__)}; {findings.incomplete}. The diffusivity "
-            f"lies between {low:.4g} and {high:.4g} m2/s{of_resistance}."
+            f"where {noise}, largest at {max(ratios, key=ratios.__getitem__)}; {findings.incomplete}. {lies}"
         )
     if findings.mixups and not findings.effects:
         return f"With that corrected, the record shows no missing effect: {residual}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import islice
 
 import numpy as np
 
@@ -119,7 +120,7 @@ class StepwiseSelection:
     def select_further(self, fit: EffectFit, progress: Callable[[float], None]) -> EffectFit:
         """Exchange, add and remove effects until the set of effects stays the same.
 
-        With the noise estimated again, an effect that was added may not be needed. It is not added a second time.
+        With the noise estimated again, an effect that was added may not be needed. Once removed, it is not added again.
         """
         if not fit.active:
             return fit
@@ -138,11 +139,8 @@ class StepwiseSelection:
 
     def _add_one(self, fit: EffectFit, removed: set[EffectParameters]) -> EffectFit:
         scores = self.fits.score_candidates(fit)
-        significant = (
-            k
-            for k in scores.best_penalised(2)
-            if scores.gain[k] > self._threshold(scores, scores.effect(k)) and scores.effect(k) not in removed
-        )
+        best = (k for k in scores.best_penalised(2 + len(removed)) if scores.effect(k) not in removed)
+        significant = (k for k in islice(best, 2) if scores.gain[k] > self._threshold(scores, scores.effect(k)))
         fits = [self.fits.add_candidates(scores, (k,)) for k in significant]
         return self._best(fit, fits, lambda added: self._threshold(scores, added[0]))
 
