@@ -23,7 +23,7 @@ from benchmarks.accuracy.disturbance import DAYS, KEYS, MEMORIES, STEP, Kind, ca
 from benchmarks.accuracy.resumed_log import resumed
 
 HOURS = (1.0, 6.0, 24.0)
-FIRST = 200_000  # number of the first record: none of them was estimated before; 100_000 to 100_099 were looked at
+FIRST = 300_000  # number of the first record: none of them was estimated before; 100_000 and 200_000 were looked at
 LEFT = 2.0  # h of record after the last reading that is counted
 KINDS = tuple(Kind(logged, heat, memory) for (logged, heat), memory in product(
     (("sensors", "wall"), ("plates", "face")), MEMORIES
