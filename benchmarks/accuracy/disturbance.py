@@ -64,14 +64,17 @@ def random_process(count: int, memory: float, rng: np.random.Generator) -> np.nd
     return lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], draws)
 
 
+def profile_of(heat: str) -> np.ndarray:
+    """Where heat enters, at equal distances over the wall: everywhere, or behind the right face; of mean 1."""
+    x, depth = np.linspace(0.0, 1.0, 3001), DEPTH / LENGTH
+    return np.ones_like(x) if heat == "wall" else 2.0 / depth * np.maximum(1.0 - (1.0 - x) / depth, 0.0)
+
+
 def heat_of(kind: Kind, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """The heat's rate at all times, K/s, and its profile over the wall."""
-    x = np.linspace(0.0, 1.0, 3001)
-    course = random_process(count, kind.memory, rng)
+    course, profile = random_process(count, kind.memory, rng), profile_of(kind.heat)
     if kind.heat == "wall":
-        return 3.0 / 86400.0 * course, np.ones_like(x)
-    depth = DEPTH / LENGTH
-    profile = 2.0 / depth * np.maximum(1.0 - (1.0 - x) / depth, 0.0)
+        return 3.0 / 86400.0 * course, profile
     return (5.0 if kind.heat == "face" else 0.0) / (CAPACITY * LENGTH) * course, profile
 
 
@@ -98,22 +101,35 @@ def simulated(kind: Kind, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 def case_of(kind: Kind, number: int, **choices: Any) -> Any:
     """One record as a case, with some `[choices]`."""
+    faces, inside, through = simulated(kind, number)
+    if kind.logged == "plates":
+        return slab_case(STEP[kind.logged], faces, None, through, initial_profile=1, model="lom", **choices)
+    return slab_case(STEP[kind.logged], faces, inside, None, initial_profile=2, model="lom", **choices)
+
+
+def slab_case(
+    step: float, faces: np.ndarray, inside: np.ndarray | None, through: np.ndarray | None, **choices: Any
+) -> Any:
+    """Readings of the slab as a case, with some `[choices]`.
+
+    Args:
+        step: from row to row, s. faces: degC, `(time, 2)`.
+        inside: of the sensors, degC, `(time, 2)`; None without them.
+        through: of the plates, W/m2, `(time, 2)`; None without them.
+    """
     import wallid
     from wallid.case.options import Choices
 
-    faces, inside, through = simulated(kind, number)
-    time = STEP[kind.logged] * np.arange(kind.rows)
-    with_plates = kind.logged == "plates"
-    names = () if with_plates else ("T1", "T2")
+    time = step * np.arange(len(faces))
+    names = () if inside is None else ("T1", "T2")
     record = wallid.Record(
-        time, time, None, faces, np.empty((kind.rows, 0)) if with_plates else inside, names,
-        regressors={f"flux_{side}": through[:, k] for k, side in enumerate(("left", "right")) if with_plates},
+        time, time, None, faces, np.empty((len(faces), 0)) if inside is None else inside, names,
+        regressors={} if through is None else {"flux_left": through[:, 0], "flux_right": through[:, 1]},
         boundary_noise_std=FACE_STD, flux_noise_std=FLUX_STD, flux_gain_std=GAIN_STD,
     )  # fmt: skip
     sensors = tuple(wallid.Sensor(n, LENGTH * x, noise_std=SENSOR_STD) for n, x in zip(names, PLACES, strict=False))
     wall = wallid.Wall(length=LENGTH, diffusivity_prior=7e-7, outside="right")
-    chosen = Choices(initial_profile=1 if with_plates else 2, model="lom", **choices)
-    return wallid.Case("slab", Path("case.toml"), wall, sensors, record, chosen)
+    return wallid.Case("slab", Path("case.toml"), wall, sensors, record, Choices(**choices))
 
 
 def estimated(kind: Kind, number: int, option: str) -> dict:

@@ -24,14 +24,15 @@ import numpy as np
 from benchmarks.accuracy.discrepancy.score import interval
 from benchmarks.accuracy.disturbance import (
     BEFORE,
-    DEPTH,
     DIFFUSIVITY,
     FACE_STD,
     FINE,
     LENGTH,
     PLACES,
     SENSOR_STD,
+    profile_of,
     random_process,
+    slab_case,
 )
 from benchmarks.accuracy.resumed_log import resumed
 from benchmarks.reference.analytic_slab import heated, temperatures, weather
@@ -65,10 +66,8 @@ def simulated(course: str, profile: str, number: int) -> tuple[np.ndarray, np.nd
     count = before + (rows - 1) * stride + 1
     rate = DIFFUSIVITY / LENGTH**2
     faces, heat = weather(count, FINE, rng, hours=(8.0, 2.0)), course_of(course, count, rng)
-    x, depth = np.linspace(0.0, 1.0, 3001), DEPTH / LENGTH
-    shape = np.ones_like(x) if profile == "wall" else 2.0 / depth * np.maximum(1.0 - (1.0 - x) / depth, 0.0)
     kept = slice(before, None, stride)
-    warmer = heated(heat, FINE, shape, rate, PLACES)[0][kept]
+    warmer = heated(heat, FINE, profile_of(profile), rate, PLACES)[0][kept]
     largest = np.exp(rng.uniform(np.log(SMALLEST), np.log(LARGEST))) * SENSOR_STD
     size = largest / np.abs(warmer - warmer.mean(axis=0)).max()
     inside = temperatures(faces, FINE, PLACES, rate)[kept] + size * warmer
@@ -85,15 +84,11 @@ def diagnosed(course: str, profile: str, number: int) -> dict:
 
     jax.config.update("jax_enable_x64", True)
     import wallid
-    from wallid.case.options import Choices
 
     faces, inside, heat = simulated(course, profile, number)
-    seconds, names = STEP * np.arange(len(faces)), ("T1", "T2")
-    record = wallid.Record(seconds, seconds, None, faces, inside, names, boundary_noise_std=FACE_STD)
-    sensors = tuple(wallid.Sensor(n, LENGTH * x, noise_std=SENSOR_STD) for n, x in zip(names, PLACES, strict=True))
-    wall = wallid.Wall(length=LENGTH, diffusivity_prior=7e-7, outside="right")
+    case = slab_case(STEP, faces, inside, None, initial_profile=2)
     began = time.perf_counter()
-    found = wallid.diagnose(wallid.Case("slab", Path("case.toml"), wall, sensors, record, Choices(initial_profile=2)))
+    found = wallid.diagnose(case)
     entries, left = found.to_dict(), found.unknown_heat
     low, high = entries["diffusivity"]["interval_95"]
     return {

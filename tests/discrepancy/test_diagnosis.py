@@ -11,9 +11,9 @@ import wallid
 from wallid.discrepancy.cross_validation import held_out, held_out_cost
 from wallid.discrepancy.effect_fit import refit
 from wallid.discrepancy.effects.catalogue import untestable
-from wallid.discrepancy.result.effect_results import Trial
 from wallid.discrepancy.selection.acceptance import FURTHER_EFFECT_LEVEL
 from wallid.discrepancy.selection.candidate_fits import CandidateFits
+from wallid.discrepancy.selection.effect_results import Trial
 from wallid.discrepancy.selection.stepwise_selection import StepwiseSelection
 
 pytestmark = pytest.mark.runs_long

@@ -4,8 +4,8 @@ from .next_measurement.actions import Action, Prescription
 from .next_measurement.plan_with_columns import plan
 from .problem import diagnosis_problem
 from .result.diagnosis_result import Diagnosis
-from .result.effect_results import NamedEffect, RankedEffect, Trial
 from .search_for_effects import diagnose
+from .selection.effect_results import NamedEffect, RankedEffect, Trial
 
 __all__ = [
     "Action",

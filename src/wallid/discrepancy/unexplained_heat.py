@@ -7,7 +7,6 @@ kernel is used: it would take the daily course of the sun for noise.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +14,7 @@ import numpy as np
 from ..case.time_window import Window, diagnosis_window
 from ..estimation.unknown_heat import UnknownHeat, unknown_heat_of
 from ..inference.disturbance_covariance import DisturbedReadings, disturbed_readings
-from ..inference.disturbance_search import Disturbance, RestrictedLikelihood, find_disturbance
+from ..inference.disturbance_search import Disturbance, RestrictedLikelihood, find_disturbance, search_bins
 from ..inference.filter_model import FittedReadings, filter_model_of
 from ..inference.noise_covariance import BinnedReadings
 from ..models.flux_plates import with_filtered_faces, with_flux
@@ -25,7 +24,6 @@ from .model_with_effects import linearise
 
 CLEAR_EVIDENCE = 50.0
 """Of -2 log L: records without heat have less than 3, with gusty faces at hourly rows up to 23."""
-_MAX_READINGS = 480  # of the search, as in an estimate
 _WIDE = 10.0  # typical sizes: the prior of a parameter that has none
 
 
@@ -74,13 +72,10 @@ class UnexplainedHeat:
 
     def _search(self) -> Disturbance:
         problem, parameters = self.fit.problem, self.fit.parameters
-        factor = -(-problem.bins.readings // _MAX_READINGS)
-        coarse = BinnedReadings(problem.bins.observed, problem.bins.present, problem.bins.rows_per_bin * factor)
-        shape = problem.noise_shape(parameters, coarse)
-        binned = shape.bins.in_coarser_bins(problem.noise_shape(parameters).bins)
+        shape = problem.noise_shape(parameters, search_bins(problem.bins))
         jacobian, residual = self.fit.unwhitened()
-        likelihood = RestrictedLikelihood(
-            shape.counts.T.reshape(-1) > 0, binned(residual), binned((jacobian * self._unit).T).T, self._deviation
+        likelihood = RestrictedLikelihood.of_coarser_bins(
+            shape, problem.noise_shape(parameters).bins, residual, jacobian * self._unit, self._deviation
         )
         step = problem.record.step * problem.spacing
         return find_disturbance(self._readings, shape, step, likelihood, self.fit.noise)
@@ -93,15 +88,11 @@ class UnexplainedHeat:
     @cached_property
     def fit_beside(self) -> EffectFit:
         """The same model fitted beside the heat: its covariance takes the place of the autocorrelated noise."""
-        one, problem = self.disturbance, self.fit.problem
-        assert one is not None
-        shape = problem.noise_shape(self.fit.parameters)
-        unit = self._readings.covariance(
-            one.profile, one.time_constant, one.smoothness, shape.bin_count, shape.rows_per_bin
-        )
-        noise = shape.covariance_of(one.noise_size, 0.0, self.fit.noise.correlation, one.std**2 * unit)
-        degrees = float(problem.bins.nonempty - len(self.fit.parameters.estimated_names))
-        return refit(problem, self.fit.active, self.fit.parameters, replace(noise, degrees_of_freedom=degrees))
+        assert self.disturbance is not None
+        problem, parameters = self.fit.problem, self.fit.parameters
+        degrees = float(problem.bins.nonempty - len(parameters.estimated_names))
+        noise = self.disturbance.noise_beside(problem.noise_shape(parameters), self._readings, degrees)
+        return refit(problem, self.fit.active, parameters, noise)
 
     def course(self) -> UnknownHeat:
         """Its course, given all readings."""

@@ -34,7 +34,7 @@ from .._internal.result_object import ResultObject, plain_value
 from ..models.disturbance import Smoothness
 from ..models.finite_volume_wall import HeatProfile
 from .disturbance_covariance import DEPTHS, HEAT_PROFILES, DisturbedReadings
-from .noise_covariance import NoiseCovariance, NoiseShape
+from .noise_covariance import BinnedReadings, NoiseCovariance, NoiseShape
 
 LARGEST_STD = 10.0
 """W/m2 or K/day: 95 % of disturbances are taken as smaller before the record is seen."""
@@ -43,6 +43,7 @@ SHORTEST_TIME = 1800.0
 EVIDENCE = 10.0
 """Of -2 log L: a disturbance with more evidence is taken with `disturbance = "auto"`."""
 _RARE = math.log(1.0 / 0.05)  # lambda_s is this over LARGEST_STD, lambda_t this times the root of SHORTEST_TIME
+_MAX_READINGS = 480  # means over bins in a search
 _TIMES = 7  # of the grid
 _SIZES = np.exp(np.arange(-2.1, 3.6, 0.3))  # standard deviation of the readings by the disturbance over the noise's
 _NOISE_STEP = 0.25  # of ln v
@@ -90,6 +91,22 @@ class Disturbance(ResultObject):
     def alternatives(self) -> tuple[tuple[float, Disturbance], ...]:
         """The disturbances of the posterior, each with its probability."""
         return tuple((share, replace(self, **one._asdict())) for share, one in self.posterior)
+
+    def noise_beside(
+        self, shape: NoiseShape, readings: DisturbedReadings, degrees_of_freedom: float
+    ) -> NoiseCovariance:
+        """The covariance of the readings by white noise and the disturbance.
+
+        Args:
+            shape: of the noise's covariance.
+            readings: as a disturbance changes them.
+            degrees_of_freedom: of the residual.
+        """
+        unit = readings.covariance(
+            self.profile, self.time_constant, self.smoothness, shape.bin_count, shape.rows_per_bin
+        )
+        noise = shape.covariance_of(self.noise_size, 0.0, 0.8, self.std**2 * unit)
+        return replace(noise, degrees_of_freedom=degrees_of_freedom)
 
     @property
     def place(self) -> str:
@@ -154,6 +171,19 @@ class RestrictedLikelihood:
         self.precision[0] = 0.0
         self.prior = -self.precision * deviation
         self.prior_cost = float(self.precision @ deviation**2)
+
+    @classmethod
+    def of_coarser_bins(
+        cls,
+        shape: NoiseShape,
+        bins: BinnedReadings,
+        residual: np.ndarray,
+        jacobian: np.ndarray,
+        deviation: np.ndarray,
+    ) -> RestrictedLikelihood:
+        """The likelihood in the bins of a shape, from a residual and its Jacobian in finer bins."""
+        binned = shape.bins.in_coarser_bins(bins)
+        return cls(shape.counts.T.reshape(-1) > 0, binned(residual), binned(jacobian.T).T, deviation)
 
     def at(self, covariance: Float[np.ndarray, "reading reading"]) -> _Point:
         """The minimum over the noise's size `v`, for a covariance divided by `v`."""
@@ -222,6 +252,12 @@ class RestrictedLikelihood:
         )
 
 
+def search_bins(bins: BinnedReadings) -> BinnedReadings:
+    """Bins that are few enough for a search: their dense covariance is decomposed at every place."""
+    factor = -(-bins.readings // _MAX_READINGS)
+    return BinnedReadings(bins.observed, bins.present, bins.rows_per_bin * factor)
+
+
 def find_disturbance(
     readings: DisturbedReadings,
     shape: NoiseShape,
@@ -242,14 +278,14 @@ def find_disturbance(
     first = search.best.place
     if first.profile.place != "wall":
         deeper = [HeatProfile(first.profile.place, depth) for depth in DEPTHS[1:]]
-        number = list(search.times).index(first.time_constant)
+        number = search.times.index(first.time_constant)
         search.try_all(product(deeper, search.times[max(number - 1, 0) : number + 2]))
     best, posterior = search.refined(), search.posterior()
     none = likelihood.at(search.white).cost
     if without is not None:
         none = min(none, likelihood.at(search.noise_alone(without)).cost)
     return Disturbance(
-        **search.process(best)._asdict(),
+        **best.process._asdict(),
         unit=readings.unit,
         evidence=none - best.point.cost,
         inflation=_inflation(best.point, posterior),
@@ -263,12 +299,20 @@ class _Tried(NamedTuple):
     Args:
         place: where it enters.
         size: root mean square of the readings by it over that of the noise.
+        std: of the heat, W/m2 or K/day.
         point: the likelihood, its cost with the priors.
     """
 
     place: _Place
     size: float
+    std: float
     point: _Point
+
+    @property
+    def process(self) -> _Process:
+        """The same as attributes of a `Disturbance`."""
+        profile, time_constant, smoothness = self.place
+        return _Process(profile, self.std, time_constant, smoothness, self.point.noise_size)
 
 
 class _Search:
@@ -305,15 +349,9 @@ class _Search:
     def at(self, place: _Place, size: float) -> _Tried:
         """A disturbance with its likelihood."""
         unit, likelihood = self._unit(place)
-        one = _Tried(place, size, likelihood(size * unit))
-        cost = one.point.cost + _prior_cost(self.process(one).std, place.time_constant)
-        return one._replace(point=one.point._replace(cost=cost))
-
-    def process(self, one: _Tried) -> _Process:
-        """A disturbance with its size in W/m2 or K/day."""
-        (profile, time_constant, smoothness), noise_size = one.place, one.point.noise_size
-        std = one.size * self._unit(one.place)[0] * math.sqrt(noise_size)
-        return _Process(profile, std, time_constant, smoothness, noise_size)
+        point = likelihood(size * unit)
+        std = size * unit * math.sqrt(point.noise_size)
+        return _Tried(place, size, std, point._replace(cost=point.cost + _prior_cost(std, place.time_constant)))
 
     def try_all(self, places: Iterable[tuple[HeatProfile, float]]) -> None:
         """Try all sizes at further profiles and time constants."""
@@ -331,7 +369,7 @@ class _Search:
         The grid is even in the logarithm of the size, its prior is a density of the size: each weighs by its size.
         """
         costs = np.array([one.point.cost for one in self.tried])
-        sizes = np.array([self.process(one).std for one in self.tried])
+        sizes = np.array([one.std for one in self.tried])
         weights = np.exp(-0.5 * (costs - costs.min())) * sizes
         return list(zip((weights / weights.sum()).tolist(), self.tried, strict=True))
 
@@ -339,7 +377,7 @@ class _Search:
         """The places that hold almost all of the posterior, each with the mean variances of its heat and its noise."""
         places: dict[_Place, list[tuple[float, _Process]]] = {}
         for share, one in posterior:
-            places.setdefault(one.place, []).append((share, self.process(one)))
+            places.setdefault(one.place, []).append((share, one.process))
         found = []
         for own in sorted(places.values(), key=lambda own: -sum(share for share, _ in own)):
             total = sum(share for share, _ in own)

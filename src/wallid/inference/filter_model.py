@@ -132,7 +132,7 @@ def alternative_filter_models(case: Case, fit: GLSFit) -> list[tuple[float, Filt
         return [(1.0, filter_model(case, fit))]
     fitted, readings = fitted_readings(fit), readings_at(case, fit)
     return [
-        (share, filter_model_of(replace(fitted, disturbance=one, white=one.noise_size, autocorrelated=0.0), readings))
+        (share, filter_model_of(replace(fitted, disturbance=one, white=one.noise_size), readings))
         for share, one in fit.disturbance.alternatives
     ]
 

@@ -29,7 +29,7 @@ from ..models.wall_parameters import clipped_to_prior
 from ..models.window_inputs import WindowData
 from .contact_test import SIGNIFICANT, contact_scores
 from .disturbance_covariance import DisturbedReadings, disturbed_readings
-from .disturbance_search import EVIDENCE, Disturbance, RestrictedLikelihood, find_disturbance
+from .disturbance_search import EVIDENCE, Disturbance, RestrictedLikelihood, find_disturbance, search_bins
 from .gls_fit import GLSFit
 from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, LikelihoodProblem, face_response, minimise
 from .noise_covariance import BinnedReadings, NoiseCovariance, NoiseShape, bin_readings
@@ -50,7 +50,6 @@ from .whittle_likelihood import MIN_READINGS, estimate_noise
 _MAX_ITERATIONS = 4
 _MAX_WALL_ITERATIONS = 15  # with estimated wall parameters: each iteration builds the model again
 _SEARCHES = 2  # for a disturbance, in the iterations after the first; later ones keep its size and time constant
-_MAX_SEARCH_READINGS = 480  # means over bins, whose dense covariance is factorised some hundred times
 _CONVERGED = 0.1  # standard errors: the iteration ends when the estimate changes by less
 
 
@@ -214,7 +213,8 @@ class _IteratedGLS:
             readings = self._disturbed_readings(point, conductivity / case.wall.length)
             disturbance = self._disturbance(system, point, conductivity / case.wall.length, readings, last, noise)
             if disturbance is not None:
-                noise = self._noise_with_disturbance(shape, readings, disturbance)
+                degrees = float(self.readings - len(parameters.estimated_names))
+                noise = disturbance.noise_beside(shape, readings, degrees)
         problem = LikelihoodProblem(
             system=system,
             data=self.data,
@@ -258,31 +258,15 @@ class _IteratedGLS:
         """The disturbance found in the residual of the last iteration; None where it is not asked for."""
         found = last.disturbance
         if last.iterations <= _SEARCHES:
-            factor = -(-self.bins.readings // _MAX_SEARCH_READINGS)
-            coarse = BinnedReadings(self.bins.observed, self.bins.present, self.bins.rows_per_bin * factor)
-            shape = self._noise_shape(system, point, conductance, coarse)
-            binned = shape.bins.in_coarser_bins(last.noise_shape.bins)
-            likelihood = RestrictedLikelihood(
-                shape.counts.T.reshape(-1) > 0,
-                binned(np.asarray(last.minimum.residual)),
-                binned(last.readings_jacobian.T).T,
-                last.z,
+            shape = self._noise_shape(system, point, conductance, search_bins(self.bins))
+            likelihood = RestrictedLikelihood.of_coarser_bins(
+                shape, last.noise_shape.bins, np.asarray(last.minimum.residual), last.readings_jacobian, last.z
             )
             # a plate's own noise has no memory of hours
             without = None if readings.in_flux else noise
             found = find_disturbance(readings, shape, self.record.step * self.spacing, likelihood, without)
         needed = self.disturbance_option == "on" or (found is not None and found.evidence > EVIDENCE)
         return found if needed else None
-
-    def _noise_with_disturbance(
-        self, shape: NoiseShape, readings: DisturbedReadings, disturbance: Disturbance
-    ) -> NoiseCovariance:
-        """The covariance with white noise and a disturbance."""
-        covariance = disturbance.std**2 * readings.covariance(
-            disturbance.profile, disturbance.time_constant, disturbance.smoothness, shape.bin_count, shape.rows_per_bin
-        )
-        noise = shape.covariance_of(disturbance.noise_size, 0.0, 0.8, covariance)
-        return replace(noise, degrees_of_freedom=float(self.readings - len(self.parameters.estimated_names)))
 
     def _noise_shape(
         self, system: StateSpace, point: Linearisation, conductance: float, bins: BinnedReadings

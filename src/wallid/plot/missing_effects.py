@@ -13,8 +13,8 @@ from .._internal.units import DAY
 from ..discrepancy.effect_fit import EffectFit
 from ..discrepancy.problem import EffectParameters
 from ..discrepancy.result.diagnosis_result import Diagnosis
-from ..discrepancy.result.effect_results import NamedEffect
 from ..discrepancy.selection.acceptance import FIRST_EFFECT_LEVEL
+from ..discrepancy.selection.effect_results import NamedEffect
 from ..inference.quantity import NORMAL_95
 from .house_style import BLUE, GREEN, GREY, KEEP_COLOUR, ORANGE, RED, SKY, axes_or_new, text_colour_on
 from .legends import as_drawn, legend_above, legend_below, root_figure, use_constrained_layout

@@ -84,7 +84,8 @@ def _residual_colours() -> Colormap:
 def shared_colour_bar(axes: Sequence[Axes], unit: str = "K") -> None:
     """Draw the colour bar of one or several `residual_map` panels beside them; `unit` is that of `residual_scale`."""
     (mesh,) = (artist for artist in axes[0].collections if isinstance(artist, QuadMesh))
-    label = f"measured minus simulated{' ' if len(unit) < _LONG_UNIT else chr(10)}({unit})"
+    separator = " " if len(unit) < _LONG_UNIT else "\n"
+    label = f"measured minus simulated{separator}({unit})"
     root_figure(axes[0]).colorbar(mesh, ax=list(axes), label=label, extend="both", pad=0.01)
 
 

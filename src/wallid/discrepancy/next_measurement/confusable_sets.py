@@ -10,9 +10,9 @@ import numpy as np
 
 from ..effect_fit import EffectFit
 from ..problem import EffectParameters
-from ..result.effect_results import NamedEffect
 from ..result.findings import Findings
 from ..selection.acceptance import FIRST_EFFECT_LEVEL, RIVAL, penalised_cost
+from ..selection.effect_results import NamedEffect
 from .candidate_records import CandidateRecord
 from .present_record import PresentRecord
 from .separation import Separation, separation

@@ -18,9 +18,9 @@ from ..next_measurement.actions import Prescription
 from ..problem import DiagnosisProblem, EffectParameters
 from ..residual_tests import ResidualTests
 from ..selection.acceptance import FIRST_EFFECT_LEVEL, RESIDUAL_TEST_LEVEL, reason_for_refusal
+from ..selection.effect_results import NamedEffect, RankedEffect, Trial
 from ..selection.score_test import CandidateScores
 from ..unexplained_heat import UnexplainedHeat
-from .effect_results import NamedEffect, RankedEffect, Trial
 from .wall_properties import DIFFUSIVITY, RESISTANCE, WallProperty, wall_properties
 
 _SIMILAR_COSINE = 0.95  # from this cosine of two derivatives on, two effects count as similar

@@ -9,7 +9,7 @@ import numpy as np
 from ...records.uniform_record import Record
 from ..cross_validation import Gap
 from ..effects.catalogue import untestable
-from .effect_results import NamedEffect
+from ..selection.effect_results import NamedEffect
 from .findings import Findings
 from .wall_properties import DIFFUSIVITY
 

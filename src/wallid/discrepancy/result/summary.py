@@ -10,7 +10,7 @@ from ...inference.quantity import Quantity
 from ...models.flux_plates import fluxes_of
 from ..effects.catalogue import untestable
 from ..problem import DiagnosisProblem, EffectParameters
-from .effect_results import NamedEffect
+from ..selection.effect_results import NamedEffect
 from .findings import Findings
 from .wall_properties import RESISTANCE
 

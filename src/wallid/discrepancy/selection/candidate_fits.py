@@ -10,8 +10,8 @@ from ...inference.whittle_likelihood import MIN_READINGS, estimate_noise
 from ..effect_fit import EffectFit, refit
 from ..problem import DiagnosisProblem, EffectParameters
 from ..residual_tests import ResidualTests, omnibus_directions, run_residual_tests
-from ..result.effect_results import Trial
 from .acceptance import reason_for_refusal
+from .effect_results import Trial
 from .score_test import CandidateJacobian, CandidateScores, candidate_jacobian, score_candidates
 
 _MODEL_ERROR = 1e-3  # share of the gain of an effect that its discretisation may leave in the residual: 3 % of its size

@@ -10,9 +10,9 @@ import numpy as np
 from ..cross_validation import effect_by_window, held_out, held_out_cost
 from ..effect_fit import EffectFit
 from ..problem import EffectParameters
-from ..result.effect_results import NamedEffect
 from .acceptance import FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL, RIVAL, penalised_cost, reason_for_refusal
 from .candidate_fits import CandidateFits
+from .effect_results import NamedEffect
 from .score_test import (
     CandidateScores,
     candidate_jacobian_of_forms,
