@@ -1,7 +1,7 @@
 """A case: the wall, its sensors, the record and the options; read from TOML or made in Python."""
 
 from .case_definition import Case, LearningSignal
-from .case_file import load, load_campaign, packaged
+from .case_file import load, load_campaign, load_section, packaged
 from .initial_profile import fit_profile, scales
 from .options import Choices
 from .planned_campaign import PlannedCampaign
@@ -24,6 +24,7 @@ __all__ = [
     "fit_profile",
     "load",
     "load_campaign",
+    "load_section",
     "packaged",
     "scales",
 ]

@@ -18,6 +18,8 @@ from ..records.uniform_record import Record
 from .case_tables import RECORD_OPTIONS, parse_choices, parse_record, parse_sensors, parse_wall, sensor_tables
 from .options import Choices, check_choices
 from .planned_campaign import CampaignSettings, PlannedCampaign, first_or_typical
+from .section.section_definition import Section
+from .section.section_tables import check_heights
 from .wall_and_sensors import Sensor, Wall, check_sensors
 
 if TYPE_CHECKING:
@@ -82,6 +84,7 @@ class Case(ResultObject):
         learning: training signals to use instead of those derived from the record; may be empty.
         description: one line.
         plan: where the wall stands and its typical weather, where the case states it.
+        section: through the wall, where it is not the same at all heights.
 
     Raises:
         InputError: the parts do not fit each other.
@@ -96,10 +99,13 @@ class Case(ResultObject):
     learning: tuple[LearningSignal, ...] = ()
     description: str = ""
     plan: CampaignSettings | None = field(default=None, repr=False)
+    section: Section | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         set_fields(self, sensors=tuple(self.sensors), learning=tuple(self.learning))
         check_sensors(self.wall, self.sensors)
+        check_heights(self.section, self.sensors)
+        self._check_section()
         names = tuple(sensor.name for sensor in self.sensors)
         if self.record.names != names:
             in_record, in_case = (", ".join(group) or "none" for group in (self.record.names, names))
@@ -113,6 +119,19 @@ class Case(ResultObject):
         if self.choices.learning_diffusivities is None:
             diffusivities = tuple(factor * self.wall.diffusivity_prior for factor in _LEARNING_FACTORS)
             set_fields(self, choices=replace(self.choices, learning_diffusivities=diffusivities))
+
+    def _check_section(self) -> None:
+        """Refuse what the model of a section does not have."""
+        if self.section is None:
+            return
+        if abs(self.section.length - self.wall.length) > 1e-9 * self.wall.length:
+            raise InputError(
+                f"the section is {self.section.length:g} m long; it must be the wall's {self.wall.length:g} m"
+            )
+        if self.choices.free:
+            raise InputError(
+                f'[choices] free = "{self.choices.free[0]}": a case with a [section] estimates no layers or films'
+            )
 
     @classmethod
     def from_dataframe(
@@ -128,6 +147,7 @@ class Case(ResultObject):
         sensors: Mapping[str, float] | Sequence[Sensor] = (),
         noise_std: float | None = None,
         regressors: Mapping[str, str] | None = None,
+        section: Section | None = None,
         learning: Sequence[LearningSignal] = (),
         name: str = "DataFrame",
         description: str = "",
@@ -150,6 +170,7 @@ class Case(ResultObject):
             sensors: position (m from the left face) by column, or a sequence of `Sensor`.
             noise_std: K, of the readings of sensors that are given by position.
             regressors: the column for each regressor, such as {"flux_left": "q1"}.
+            section: through the wall, where it is not the same at all heights.
             learning, name, description: as in `Case`.
             options: any option of `[record]` (`boundary_noise_std`, `face_position_std`, `flux_noise_std`,
                 `flux_gain_std`, or a field of `FileFormat` such as `unit` or `timezone`) or of `[choices]`.
@@ -177,7 +198,8 @@ class Case(ResultObject):
         stated = {key: value for key, value in options.items() if key in RECORD_OPTIONS}
         table = parse_record({**(regressors or {}), **stated, "time": time, "left": left, "right": right})
         record = table.with_noise(table.read(data, sensors), sensors)
-        return cls(name, Path(record.file), wall, tuple(sensors), record, choices, tuple(learning), description)
+        path = Path(record.file)
+        return cls(name, path, wall, tuple(sensors), record, choices, tuple(learning), description, section=section)
 
     @property
     def planned_campaign(self) -> PlannedCampaign:
@@ -233,6 +255,9 @@ class Case(ResultObject):
         wall, choices = self.wall, self.choices
         order = f" of order {choices.order}" if choices.model == "mim" else ""
         layers = f", {len(wall.layers)} layers" if wall.layers else ""
+        section = ""
+        if self.section is not None:
+            section = f", section of {', '.join(one.name for one in self.section.materials)}"
         sensors = ", ".join(f"{sensor.name} at {sensor.position:g} m" for sensor in self.sensors)
         if self.sensors:
             sensors += f"; noise {_range_text([s.noise_std for s in self.sensors])} K"
@@ -240,7 +265,7 @@ class Case(ResultObject):
         faces = self.record.face_position_std
         lines = [
             f"{self.name}{self.description and f': {self.description}'}",
-            f"wall      {wall.length:g} m{layers}, outside on the {wall.outside}, "
+            f"wall      {wall.length:g} m{layers}{section}, outside on the {wall.outside}, "
             f"prior diffusivity {wall.diffusivity_prior:.3g} m2/s"
             + (f"; the faces' sensors +-{1e3 * faces:.3g} mm" if faces else ""),
             f"sensors   {sensors or 'none'}",

@@ -25,7 +25,9 @@ from ..records.table_columns import read_uniform_table
 from .case_definition import Case, LearningSignal
 from .case_tables import parse_choices, parse_record, parse_sensors, parse_wall
 from .planned_campaign import CampaignSettings, PlannedCampaign, first_or_typical
-from .wall_and_sensors import check_sensors
+from .section.section_definition import Section
+from .section.section_tables import SectionCase, check_heights, parse_section
+from .wall_and_sensors import Sensor, Wall, check_sensors
 
 _EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -56,12 +58,12 @@ def case_of(content: bytes, path: Path) -> Case:
         document = _parse(content)
         if "plan" in document and "record" not in document:
             raise InputError("has no [record]: `wallid plan` plans a campaign; the other commands need its record")
-        optional = ("sensor", "choices", "learning", "case", "description", "plan")
+        if "section" in document and "record" not in document:
+            raise InputError("has no [record]: `wallid section` solves its section; the other commands need its record")
+        optional = ("sensor", "choices", "learning", "case", "description", "plan", "section")
         document = checked_table(document, ("wall", "record"), optional)
         name, description = _name_and_description(document, path)
-        wall = parse_wall(document["wall"])
-        sensors = parse_sensors(document.get("sensor", []))
-        check_sensors(wall, sensors)  # before the record is read: it must have a column for each sensor
+        wall, section, sensors = _parse_wall_section_sensors(document, path.parent)
         choices = parse_choices(document.get("choices", {}), sensors)
         table = parse_record(document["record"], ("file", "time", "left", "right"))
         learning_table = _parse_learning(document["learning"]) if "learning" in document else None
@@ -71,7 +73,41 @@ def case_of(content: bytes, path: Path) -> Case:
     learning = _read_learning(learning_table, path.parent) if learning_table else ()
     with error_context(str(path)):
         record = table.with_noise(record, sensors)
-        return Case(name, path, wall, sensors, record, choices, learning, description, plan)
+        return Case(name, path, wall, sensors, record, choices, learning, description, plan, section)
+
+
+def _parse_wall_section_sensors(
+    document: dict[str, Any], folder: Path
+) -> tuple[Wall, Section | None, tuple[Sensor, ...]]:
+    """The wall, its section where there is one, and the sensors, checked against each other."""
+    section = parse_section(document["section"], document["wall"], folder) if "section" in document else None
+    wall = parse_wall(document["wall"], None if section is None else section.diffusivity_prior)
+    sensors = parse_sensors(document.get("sensor", []))
+    check_sensors(wall, sensors)  # before the record is read: it must have a column for each sensor
+    check_heights(section, sensors)
+    return wall, section, sensors
+
+
+def load_section(path_or_name: str | os.PathLike[str]) -> SectionCase:
+    """Load the section of a case file; its record is neither needed nor read.
+
+    Args:
+        path_or_name: a file, or a folder with a case.toml.
+
+    Raises:
+        InputError: the file cannot be read, has no `[section]`, or a field is invalid.
+    """
+    content, path = _content_and_path(path_or_name)
+    with error_context(str(path)):
+        document = _parse(content)
+        if "section" not in document:
+            raise InputError("has no [section]: the materials through the wall and where they are")
+        optional = ("record", "sensor", "choices", "learning", "case", "description", "plan")
+        checked_table(document, ("wall", "section"), optional)
+        name, description = _name_and_description(document, path)
+        wall, section, sensors = _parse_wall_section_sensors(document, path.parent)
+        assert section is not None
+        return SectionCase(name, path, wall, section, sensors, description)
 
 
 def load_campaign(path_or_name: str | os.PathLike[str]) -> PlannedCampaign:
@@ -101,6 +137,8 @@ def campaign_of(content: bytes, path: Path) -> PlannedCampaign:
         if "plan" not in document:
             raise InputError("has no [plan]; `wallid new --plan` writes one by questions")
         optional = ("record", "sensor", "choices", "learning", "case", "description")
+        if "section" in document:
+            raise InputError("has a [section]: a plan is for a wall in one dimension; leave [section] out")
         checked_table(document, ("wall", "plan"), optional)
         name, description = _name_and_description(document, path)
         sensors = parse_sensors(document.get("sensor", []))

@@ -74,13 +74,20 @@ def parse_record(table: object, required: Sequence[str] = ("time", "left", "righ
         return RecordTable(columns, file_format, {key: values[key] for key in _NOISE_KEYS if key in values})
 
 
-def parse_wall(table: object) -> Wall:
-    """The wall from the table `[wall]` with its `[[wall.layer]]`."""
+def parse_wall(table: object, diffusivity_prior: float | None = None) -> Wall:
+    """The wall from the table `[wall]` with its `[[wall.layer]]`.
+
+    Args:
+        table: `[wall]`.
+        diffusivity_prior: m2/s, where the table says nothing from which it follows.
+    """
     with error_context("[wall]"):
         known = {f.name for f in fields(Wall)} - {"length", "layers"}
         values = dict(checked_table(table, ("length",), (*sorted(known), "layer")))
         if "diffusivity_prior" in values:  # NaN in the file is an error; Wall takes it for a missing value
             number("diffusivity_prior", values["diffusivity_prior"], "m2/s")
+        elif diffusivity_prior is not None and not {"conductivity", "heat_capacity"} <= set(values):
+            values["diffusivity_prior"] = diffusivity_prior
         layer_tables = values.pop("layer", [])
     layers = []
     for count, layer in enumerate(array_of_tables("wall.layer", layer_tables), start=1):

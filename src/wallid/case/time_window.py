@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
+
+import numpy as np
 
 from .._internal.errors import InputError
 from .._internal.result_object import ResultObject
 from .._internal.units import DAY
 from ..records.table_columns import MIN_ROWS
+from ..records.uniform_record import Record
 from .case_definition import Case
 
 MIN_FACE_RANGE = 1e-6  # K; a face temperature with a smaller range is constant
@@ -40,6 +44,33 @@ class HasBestWindow(Protocol):
     def best(self) -> Window:
         """The best window."""
         ...
+
+
+def row_at(record: Record, option: str, time: str | float | int) -> int:
+    """The first row at or after a time; the row after the last is allowed.
+
+    Args:
+        record: of the case.
+        option: by which the time is stated, for messages.
+        time: as in the record: ISO 8601, or s where it has seconds.
+
+    Raises:
+        InputError: a time that is not one, or outside the record.
+    """
+    if isinstance(record.stamps[0], np.datetime64):
+        try:
+            seconds = float((np.datetime64(str(time).removesuffix("Z")) - record.stamps[0]) / np.timedelta64(1, "s"))
+        except ValueError:
+            raise InputError(f"{option} {time}: it must be a time such as {record.stamp(0)}") from None
+    else:
+        try:
+            seconds = float(time) - float(record.stamps[0])
+        except ValueError:
+            raise InputError(f"{option} {time}: the record has seconds; state such as {record.stamp(0):g}") from None
+    row = math.ceil(seconds / record.step - 1e-6)
+    if not 0 < row <= record.rows:
+        raise InputError(f"{option} {time}: it must lie between {record.stamp(1)} and {record.stamp(record.rows)}")
+    return row
 
 
 def as_window(window: Window | HasBestWindow) -> Window:

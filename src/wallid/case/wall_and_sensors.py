@@ -151,6 +151,8 @@ class Sensor:
         position_std: standard deviation of the position, m.
         offset_std: prior standard deviation of a constant offset, K; with 0 no offset is estimated.
         unit: of the column, "degC", "degF" or "K"; None for the unit of the record.
+        height: of a sensor in a section, m from the section's bottom; None where it is not known.
+        height_std: standard deviation of the height, m.
 
     Raises:
         InputError: a value is not a number within its limits.
@@ -163,6 +165,8 @@ class Sensor:
     position_std: float = 0.0
     offset_std: float = 0.0
     unit: Literal["degC", "degF", "K"] | None = None
+    height: float | None = None
+    height_std: float = 0.0
 
     def __post_init__(self) -> None:
         text("name", self.name)
@@ -174,7 +178,12 @@ class Sensor:
             noise_std=number("noise_std", self.noise_std, "K", above=0.0),
             position_std=number("position_std", self.position_std, "m", minimum=0.0),
             offset_std=number("offset_std", self.offset_std, "K", minimum=0.0),
+            height_std=number("height_std", self.height_std, "m", minimum=0.0),
         )
+        if self.height is not None:
+            set_fields(self, height=number("height", self.height, "m", minimum=0.0))
+        elif self.height_std > 0.0:
+            raise InputError("height_std is given, but no height; without both the height is taken as not known")
 
 
 def sensor_label(count: int, name: object) -> str:
@@ -198,5 +207,9 @@ def check_sensors(wall: Wall, sensors: Sequence[Sensor]) -> None:
             for other, earlier in enumerate(sensors[: count - 1], start=1):
                 if sensor.name == earlier.name:
                     raise InputError(f"name is that of [[sensor]] {other}; names must differ")
-                if position is not None and position == known_value(earlier.position):
+                if (
+                    position is not None
+                    and position == known_value(earlier.position)
+                    and sensor.height == earlier.height
+                ):
                     raise InputError(f"position = {position!r} m is that of [[sensor]] {other}; positions must differ")

@@ -1,4 +1,4 @@
-"""The command line: `wallid demo | new | check | plan | run | design | estimate | diagnose | forecast`."""
+"""The command line: `wallid demo | new | check | plan | run | design | estimate | diagnose | forecast | section`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..case.wizard import new_case, parse_sensor
 from ..case.wizard_dialogue import parse_length
 from ..case.wizard_plan import PlanAnswers, new_plan, parse_azimuth, parse_indoor
 from ..records.file_format import FileFormat
-from .execution import exit_with_error, run_command, run_forecast, run_plan
+from .execution import exit_with_error, run_command, run_forecast, run_plan, run_section
 from .options import (
     DEFAULT_OUT,
     CaseArgument,
@@ -416,3 +416,28 @@ def forecast(
     mean and a standard deviation (`NAME_std`) for each sensor and plate, row by row.
     """
     run_forecast(case, start, hours, days, faces, out, json, quiet, formats)
+
+
+@app.command()
+def section(
+    case: CaseArgument,
+    left: Annotated[float | None, typer.Option("--left", help="Temperature on the left, degC; with --right.")] = None,
+    right: Annotated[float | None, typer.Option("--right", help="Temperature on the right, degC.")] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            "--at", metavar="TIME", help="Draw the temperatures at this time of the record, such as 2026-01-31T12:00."
+        ),
+    ] = None,
+    out: Out = DEFAULT_OUT,
+    json: Json = False,
+    quiet: Quiet = False,
+    formats: Formats = "png",
+) -> None:
+    """Solve a section of stones and mortar in two dimensions, and draw it.
+
+    The case has `[wall]` and `[section]`: materials, and where they are, by rectangles or by a picture. The command
+    gives the equivalent homogeneous wall, and the order and error of the reduced model. With --left and --right it
+    gives the steady temperatures at the sensors and the heat flow. It needs no record, except for --at.
+    """
+    run_section(case, left, right, at, out, json, quiet, formats)

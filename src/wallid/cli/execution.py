@@ -22,10 +22,11 @@ from .._internal.progress import part_of
 from .._internal.validation import error_context
 from .._internal.xla_options import prepare_xla
 from ..case.case_definition import Case
-from ..case.case_file import load, load_campaign
-from ..case.time_window import Window, check_unbroken, window_rows
+from ..case.case_file import load, load_campaign, load_section
+from ..case.time_window import Window, check_unbroken, row_at, window_rows
 from ..estimation.forecast_result import Forecast
 from ..experiment_design.campaign_plan.plan_result import CampaignPlan
+from ..models.section.section_solution import SectionSolution
 from .output import print_message, print_output
 from .progress import ProgressDisplay, progress_display
 from .stage_lines import key_result, stage_line
@@ -105,6 +106,7 @@ def run_plan(name: str, out: Path, json: bool, quiet: bool, formats: str) -> Non
     """
     from ..discrepancy.next_measurement.plan_with_columns import plan
     from ..report import writer as report
+    from ..report.plan_page import plan_page
 
     try:
         figure_formats = report.parse_formats(formats)
@@ -117,7 +119,7 @@ def run_plan(name: str, out: Path, json: bool, quiet: bool, formats: str) -> Non
             result = plan(campaign, progress=part_of(display.step, 0.05, 0.9))
             days = f"{result.days:g} days, sensors at {', '.join(f'{x:.3g} m' for x in result.positions) or 'no place'}"
             display.line(stage_line("plan", days, clock.perf_counter() - start))
-            written = _written(display, partial(report.write_plan, result, out, formats=figure_formats))
+            written = _written(display, partial(report.write_page, plan_page(result), out, formats=figure_formats))
     except InputError as error:
         exit_with_error(error)
     if json:
@@ -143,6 +145,7 @@ def run_forecast(
     """
     from ..estimation.forecasting import forecast
     from ..report import writer as report
+    from ..report.forecast_page import forecast_page
 
     try:
         figure_formats = report.parse_formats(formats)
@@ -157,7 +160,58 @@ def run_forecast(
             display.line(
                 stage_line("forecast", f"{result.hours:.3g} h from {result.start}", clock.perf_counter() - began)
             )
-            written = _written(display, partial(report.write_forecast, result, out, formats=figure_formats))
+            page = forecast_page(result)
+            written = _written(display, partial(report.write_page, page, out, formats=figure_formats))
+    except InputError as error:
+        exit_with_error(error)
+    if json:
+        print_output((out / "result.json").read_text("utf-8"), end="")
+    elif not quiet:
+        print_output("\n".join(_summary(result, written)))
+
+
+def run_section(
+    name: str,
+    left: float | None,
+    right: float | None,
+    at: str | None,
+    out: Path,
+    json: bool,
+    quiet: bool,
+    formats: str,
+) -> None:
+    """Load the section of a case, solve it, write the files and print a summary.
+
+    Args:
+        name: of the case, as the user stated it.
+        left, right, at: the options with these names.
+        out, json, quiet, formats: the options with these names.
+
+    Raises:
+        typer.Exit: status 2 for invalid input.
+    """
+    from ..models.section.section_fields import temperatures_at
+    from ..models.section.section_solution import solve_section
+    from ..report import writer as report
+    from ..report.section_page import section_page
+
+    try:
+        figure_formats = report.parse_formats(formats)
+        if (left is None) != (right is None):
+            raise InputError("--left and --right belong together: a steady state needs both temperatures")
+        with progress_display(quiet or json) as display:
+            display.step("reading the case", 0.0)
+            _configure_process()
+            section = load_section(name)
+            report.check_output_folder(out)
+            began = clock.perf_counter()
+            result = solve_section(section, left, right, progress=part_of(display.step, 0.05, 0.8))
+            if at is not None:
+                case = load(name)
+                result = replace(result, temperatures=temperatures_at(case, row_at(case.record, "--at", at)))
+            cells = f"{result.cells} cells, reduced to order {result.order}"
+            display.line(stage_line("section", cells, clock.perf_counter() - began))
+            written = _written(display, partial(report.write_page, section_page(result), out, formats=figure_formats))
     except InputError as error:
         exit_with_error(error)
     if json:
@@ -180,7 +234,7 @@ def _written(display: ProgressDisplay, write: Callable[..., list[Path]]) -> list
     return written
 
 
-def _summary(result: workflow.Run | CampaignPlan | Forecast, written: list[Path]) -> list[str]:
+def _summary(result: workflow.Run | CampaignPlan | Forecast | SectionSolution, written: list[Path]) -> list[str]:
     """The results, and the names of the written files."""
     text = terminal_text(str(result), sys.stdout.encoding)
     lines = [text, f"\nwrote        {', '.join(path.name for path in written)} to {written[0].parent}"]
@@ -196,9 +250,14 @@ def _print_summary(result: workflow.Run, name: str, written: list[Path]) -> None
     advice = f"next         wallid diagnose {shlex.quote(name)}:"
     if missing or "wallid diagnose" in result.unreliable_reason:
         lines.append(f"{advice} name the missing effect, and correct the diffusivity")
-    elif result.fit is not None and result.diagnosis is None and not result.unreliable_reason:
+    elif result.fit is not None and _can_be_diagnosed(result) and not result.unreliable_reason:
         lines.append(f"{advice} search for effects that are missing from the model")
     print_output("\n".join(lines))
+
+
+def _can_be_diagnosed(result: workflow.Run) -> bool:
+    """Whether a diagnosis would say more: the library's effects are those of a wall in one dimension."""
+    return result.diagnosis is None and result.case.section is None
 
 
 def exit_with_error(error: InputError) -> NoReturn:

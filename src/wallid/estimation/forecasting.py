@@ -13,7 +13,6 @@ is that which it would have had on the earlier days, through the wall.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Literal
 
@@ -23,7 +22,7 @@ from .._internal.errors import InputError
 from .._internal.progress import Progress, shown_progress
 from .._internal.validation import one_of
 from ..case.case_definition import Case
-from ..case.time_window import Window, check_unbroken
+from ..case.time_window import Window, check_unbroken, row_at
 from ..inference.filter_model import FilterModel, alternative_filter_models
 from ..inference.generalised_least_squares import fit_generalised_least_squares
 from ..inference.kalman_filter import Filtered, forecast_states
@@ -71,7 +70,7 @@ def forecast(
     if case.choices.disturbance is None:
         case = replace(case, choices=replace(case.choices, disturbance="auto"))
     record = case.record
-    first = _row_of(record, start)
+    first = row_at(record, "--from", start)
     begin = _first_row(record, first, days)
     rows = max(1, round(hours * 3600.0 / record.step))
     case, persistent = with_persistent_faces(case, begin, first, rows, faces)
@@ -105,29 +104,6 @@ def forecast(
         disturbance=fit.disturbance,
         step_errors=errors,
     )
-
-
-def _row_of(record: Record, start: str | float | int) -> int:
-    """The row of a time; the row after the last is allowed.
-
-    Raises:
-        InputError: a time that is not one, or outside the record.
-    """
-    if isinstance(record.stamps[0], np.datetime64):
-        try:
-            text = str(start).removesuffix("Z")
-            seconds = float((np.datetime64(text) - record.stamps[0]) / np.timedelta64(1, "s"))
-        except ValueError:
-            raise InputError(f"--from {start}: it must be a time such as {record.stamp(0)}") from None
-    else:
-        try:
-            seconds = float(start) - float(record.stamps[0])
-        except ValueError:
-            raise InputError(f"--from {start}: the record has seconds; state such as {record.stamp(0):g}") from None
-    row = math.ceil(seconds / record.step - 1e-6)
-    if not 0 < row <= record.rows:
-        raise InputError(f"--from {start}: it must lie between {record.stamp(1)} and {record.stamp(record.rows)}")
-    return row
 
 
 def _first_row(record: Record, first: int, days: float) -> int:

@@ -22,7 +22,7 @@ from ..models.error_measures import eps_2
 from ..models.finite_volume_wall import Output
 from ..models.integration import simulate
 from ..models.state_space import StateSpace
-from ..models.window_inputs import WindowData, check_driven, full_order_model, window_data
+from ..models.window_inputs import WindowData, check_driven, full_order_model, sensor_outputs, window_data
 from ..records.row_times import RecordStart
 from .result_objects import Estimate
 
@@ -191,10 +191,7 @@ def predict(case: Case, fit: Estimate, model: StateSpace | None = None) -> Predi
     """
     window = entire_record(case)
     inner = 0.0 if case.wall.inside == "left" else case.wall.length
-    full = full_order_model(
-        case,
-        [*(Output(s.position, "gradient", f"gradient {s.name}") for s in case.sensors), Output(inner, "flux")],
-    )
+    full = full_order_model(case, [*sensor_outputs(case, "gradient"), Output(inner, "flux")])
     sensors = len(case.sensors)
     model = (full if model is None else model).select(list(range(sensors)))
     check_driven(model, case, window)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Literal
 
 import equinox as eqx
 import jax
@@ -17,12 +18,13 @@ from jaxtyping import Array, Float
 
 from .._internal.arrays import on_device
 from ..case.case_definition import Case
-from ..case.initial_profile import dimensionless_profile, fit_profile, profile_degree, profile_mode_count, scales
+from ..case.initial_profile import dimensionless_profile, fit_profile, profile_mode_count, scales
 from ..inference.likelihood import face_response
-from ..models.finite_volume_wall import Output, finite_volume_model
+from ..models.finite_volume_wall import Output
 from ..models.flux_plates import plate_outputs
 from ..models.integration import run_rows
 from ..models.state_space import StateSpace
+from ..models.wall_parameters import model_at
 from ..models.window_inputs import boundary_inputs
 
 
@@ -54,6 +56,18 @@ class PredictedResponse:
         return replace(self, **{name: getattr(self, name)[:, :rows] for name in timed})
 
 
+def _outputs_at(
+    case: Case, positions: Sequence[float], kind: Literal["temperature", "gradient"] = "temperature"
+) -> list[Output]:
+    """The outputs at positions: of a sensor of the case at its height, of others the mean over a section's height."""
+    heights = {number: sensor.height for number, sensor in enumerate(case.sensors)}
+    own = [number < len(case.sensors) and x == case.sensors[number].position for number, x in enumerate(positions)]
+    return [
+        Output(x, kind, height=heights[number] if is_own else None)
+        for number, (x, is_own) in enumerate(zip(positions, own, strict=True))
+    ]
+
+
 class ResponseModel:
     """The full-order model of a case, with temperatures and gradients at any positions and the plates' fluxes.
 
@@ -64,11 +78,8 @@ class ResponseModel:
 
     def __init__(self, case: Case, positions: Sequence[float], refinement: int = 1):
         self.case, self.refinement, self.positions = case, refinement, np.asarray(positions, dtype=float)
-        self.outputs = [*(Output(x) for x in positions), *plate_outputs(case)]
-        outputs = [*self.outputs, *(Output(x, "gradient") for x in positions)]
-        self.system = finite_volume_model(
-            case.wall, outputs, nodes=case.choices.nodes, profile_degree=profile_degree(case)
-        ).modal()
+        self.outputs = [*_outputs_at(case, positions), *plate_outputs(case)]
+        self.system = model_at(case, (), np.zeros(0), [*self.outputs, *_outputs_at(case, positions, "gradient")])
         self.scale = scales(case)
 
     def faces(self, start: int, rows: int) -> tuple[Float[np.ndarray, "time face"], Float[np.ndarray, "time face"]]:

@@ -87,6 +87,8 @@ def fit_generalised_least_squares(
         return _IteratedGLS(case, window, data, kinds, eta, explicit_theta, integrator).fit(system, first)
 
     simpler = [kind for kind in kinds if kind.kind != ContactResistances.kind]
+    if case.section is not None:  # its model has no resistance between a face and its sensor
+        return fit_with(simpler, first)
     if not fluxes_of(case) or len(simpler) == len(kinds):
         return fit_with(kinds, first)
     fit = fit_with(simpler, first)

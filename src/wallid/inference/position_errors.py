@@ -16,11 +16,10 @@ import numpy as np
 from .._internal.arrays import on_device
 from ..case.case_definition import Case
 from ..case.initial_profile import scales
-from ..models.finite_volume_wall import Output
 from ..models.sensitivity_equations import explicit
 from ..models.state_space import StateSpace
 from ..models.wall_parameters import free_wall_parameters, model_at
-from ..models.window_inputs import WindowData
+from ..models.window_inputs import WindowData, sensor_outputs
 
 _MIN_DISTANCE = 1e-3  # of the length: from a sensor's estimated position to a face
 
@@ -47,7 +46,8 @@ def sensor_position_response(
     positions = stated.copy()
     positions[list(indices)] += std * errors
     positions = np.clip(positions, _MIN_DISTANCE * length, (1 - _MIN_DISTANCE) * length)
-    outputs = [Output(x) for x in (*stated, *positions)] + [Output(x, "gradient") for x in positions]
+    outputs = [*sensor_outputs(case), *sensor_outputs(case, positions=positions.tolist())]
+    outputs += sensor_outputs(case, "gradient", positions.tolist())
     system = model_at(case, free_wall_parameters(case), wall, outputs)
     fourier = scales(case).fourier_number(diffusivity)
     u, theta = explicit(system, on_device(fourier), data)

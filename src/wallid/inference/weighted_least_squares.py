@@ -23,11 +23,10 @@ from jaxtyping import Array, Float
 
 from ..case.case_definition import Case
 from ..case.initial_profile import scales
-from ..models.finite_volume_wall import Output
 from ..models.integration import Integrator
 from ..models.sensitivity_equations import field_with_theta, simulate_window
 from ..models.state_space import StateSpace
-from ..models.window_inputs import WindowData, full_order_model
+from ..models.window_inputs import WindowData, full_order_model, sensor_outputs
 from .gauss_newton import Trace, search
 from .physical_bounds import HIGHEST, LOWEST
 
@@ -198,7 +197,7 @@ def paper_sigma(
 
 def paper_sigma_of_readings(case: Case, data: WindowData, diffusivity: float) -> Float[np.ndarray, "time sensor"]:
     """`paper_sigma` of each reading of a window at a diffusivity (m2/s), by the full-order model, K."""
-    gradients = [Output(sensor.position, "gradient") for sensor in case.sensors]
+    gradients = sensor_outputs(case, "gradient")
     sensors = len(gradients)
     model = full_order_model(case, gradients).select(list(range(sensors, 2 * sensors)))
     gradient = np.asarray(simulate_window(model, scales(case).fourier_number(diffusivity), data)[0])

@@ -37,11 +37,13 @@ class Output:
         kind: "temperature": u. "gradient": `du/dx*`, times `T_ref / L` in K/m. "flux":
             `-(k/k_eff) du/dx*` along +x, times `k_eff T_ref / L` in W/m2.
         name: for tables and figures.
+        height: of a section in two dimensions, m from its bottom; None for the mean over its height.
     """
 
     position: Number
     kind: Literal["temperature", "gradient", "flux"] = "temperature"
     name: str = ""
+    height: float | None = None
 
 
 @dataclass(frozen=True)

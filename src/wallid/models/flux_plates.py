@@ -18,7 +18,7 @@ from ..records.uniform_record import cubic_slopes
 from .finite_volume_wall import HeatProfile, Output
 from .state_space import StateSpace
 from .wall_parameters import free_wall_parameters, model_at
-from .window_inputs import WindowData, boundary_inputs, full_order_model
+from .window_inputs import WindowData, boundary_inputs, full_order_model, sensor_outputs
 
 FLUX_NOISE_STD = 1.0  # W/m2
 FLUX_GAIN_STD = 0.05  # as ISO 9869-1 expects of a calibrated plate
@@ -152,10 +152,9 @@ def full_order_model_with_plates(
     Returns:
         a state space with a diagonal A.
     """
-    extra = [*plate_outputs(case), *(Output(sensor.position, "gradient") for sensor in case.sensors if gradients)]
+    extra = [*plate_outputs(case), *(sensor_outputs(case, "gradient") if gradients else ())]
     names = free_wall_parameters(case)
     if not names and not any(contacts):
         return full_order_model(case, extra, heat=heat)
-    sensors = [Output(sensor.position, name=sensor.name) for sensor in case.sensors]
     values = np.zeros(len(names)) if wall_parameters is None else wall_parameters
-    return model_at(case, names, values, sensors + extra, contacts=contacts, heat=heat)
+    return model_at(case, names, values, [*sensor_outputs(case), *extra], contacts=contacts, heat=heat)

@@ -22,6 +22,7 @@ from ..case.case_definition import Case
 from ..case.initial_profile import profile_degree
 from ..case.wall_and_sensors import Wall
 from .finite_volume_wall import HeatProfile, Output, finite_volume_model, grid
+from .section.section_state_space import section_modes
 from .state_space import StateSpace
 
 LAYER_STD = 0.5  # of ln(k_i / k_1)
@@ -98,6 +99,8 @@ def model_at(
         contacts: length of wall with the resistance between each face and its sensor, m.
         heat: profiles of heat, as inputs after the boundary temperatures.
     """
+    if case.section is not None:
+        return section_modes(case.section).state_space(outputs, profile_degree(case), heat)
     films = film_lengths_at(case, names, values)
     return finite_volume_model(
         wall_at(case, names, values),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Literal
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,6 +19,7 @@ from ..case.scaling import Scales
 from ..case.time_window import MIN_FACE_RANGE, Window, check_unbroken, entire_record
 from ..case.wall_and_sensors import SIDES, Wall
 from .finite_volume_wall import HeatProfile, Output, finite_volume_model
+from .section.section_state_space import section_modes
 from .state_space import StateSpace
 
 
@@ -117,10 +119,29 @@ def window_data(case: Case, window: Window | None = None, *, weighted: bool = Tr
     )
 
 
+def sensor_outputs(
+    case: Case, kind: Literal["temperature", "gradient"] = "temperature", positions: Sequence[float] | None = None
+) -> list[Output]:
+    """The outputs of a model at the inner sensors of a case.
+
+    Args:
+        case: the case.
+        kind: of the outputs.
+        positions: of the sensors, m from the left face; None for the stated ones.
+    """
+    positions = [sensor.position for sensor in case.sensors] if positions is None else positions
+    return [
+        Output(position, kind, sensor.name, sensor.height)
+        for sensor, position in zip(case.sensors, positions, strict=True)
+    ]
+
+
 def full_order_model(
     case: Case, extra: Sequence[Output] = (), *, cells: Sequence[int] | None = None, heat: tuple[HeatProfile, ...] = ()
 ) -> StateSpace:
     """The full-order model of a case: `U' = Fo (A U + B Q)`, `Y = C U + D Q`, in its modes, with a diagonal A.
+
+    A section in two dimensions has too many nodes for its modes: its model is projected first (`section_modes`).
 
     JAX may trace the values of the wall and the positions of the sensors. Where it traces the layers, the model is in
     its nodes, with a dense A: a derivative of modes is not defined where two of them have the same eigenvalue.
@@ -144,8 +165,9 @@ def full_order_model(
             f"{case.path}: no [[sensor]]: this needs a temperature inside the wall; `wallid run`, `wallid design` and "
             "`wallid estimate` take a case with heat flux alone"
         )
-    sensors = [Output(sensor.position, name=sensor.name) for sensor in case.sensors]
-    outputs, nodes, degree = (*sensors, *extra), case.choices.nodes, profile_degree(case)
+    outputs, nodes, degree = (*sensor_outputs(case), *extra), case.choices.nodes, profile_degree(case)
+    if case.section is not None:
+        return section_modes(case.section).state_space(outputs, degree, heat)
     layers = [value for layer in case.wall.layers for value in vars(layer).values()]
     if cells is None and not is_traced(*vars(case.wall).values(), *layers, *(output.position for output in outputs)):
         return _model_in_modes(case.wall, outputs, nodes, degree, heat)

@@ -34,6 +34,7 @@ from .house_style import (
 )
 from .legends import shared_legend
 from .logged_record import data_availability, record
+from .material_section import materials, section_temperatures
 from .missing_effects import (
     cosine_similarity,
     ranked_gains,
@@ -97,6 +98,7 @@ __all__ = [
     "interval_by_days",
     "interval_by_start",
     "last_week",
+    "materials",
     "measured_against_simulated",
     "measured_flux",
     "measurement_uncertainty",
@@ -111,6 +113,7 @@ __all__ = [
     "residual_scale",
     "resistance_forest",
     "sampling_steps",
+    "section_temperatures",
     "sensitivity",
     "sensor_colour",
     "sensor_placement",

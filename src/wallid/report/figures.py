@@ -12,6 +12,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 from .. import plot
+from ..case.case_definition import Case
 from ..case.time_window import Window, diagnosis_window, entire_record
 from ..discrepancy.effect_fit import EffectFit
 from ..discrepancy.residual_tests import ResidualTests
@@ -54,6 +55,7 @@ _MOST_POINTS = 20_000  # of a line; in a vector file, longer lines are drawn as 
 _MOST_MARKERS = 400  # of a line; more are drawn as pixels
 _MOST_SENSORS = 6  # in the figure of the worst week
 _NARROW = 4.0  # inches
+_SECTION_WIDTH = 5.0  # inches, of the figure of a section
 _RECORD_HEIGHT, _REGRESSOR_HEIGHT = 3.2, 1.4  # inches
 _AVAILABILITY_HEIGHT, _AVAILABILITY_ROW = 1.2, 0.25  # inches, and of each column
 
@@ -97,9 +99,7 @@ def _lay_out(figure: Figure) -> None:
 def stage_figures(run: Run) -> Iterator[tuple[str, Figure]]:
     """Each figure of the stages of a run except those of its diagnosis, with the name of its file."""
     with plot.style():
-        figure, ax = plot.figure(height=2.2 + 0.16 * len(run.case.wall.layers))
-        plot.wall(run.case, ax=ax)
-        yield "wall", figure
+        yield "wall", _wall_figure(run.case)
         yield "record", _record_figure(run)
         if run.design is not None:
             yield "design", _design_figure(run)
@@ -161,12 +161,26 @@ def shaded_window(run: Run) -> Window | None:
     return None
 
 
+def _wall_figure(case: Case, narrow: bool = False) -> Figure:
+    """The wall with its sensors: its layers along x, or its section."""
+    section = case.section
+    if section is not None:
+        width = _NARROW if narrow else _SECTION_WIDTH
+        figure, ax = plot.figure(width=width, height=min(width * section.height / section.length, 1.5 * width) + 0.8)
+        plot.materials(section, case.sensors, ax=ax)
+        return figure
+    if narrow:
+        figure, ax = plot.figure(width=_NARROW, height=1.8)
+    else:
+        figure, ax = plot.figure(height=2.2 + 0.16 * len(case.wall.layers))
+    plot.wall(case, ax=ax)
+    return figure
+
+
 def narrow_figures(run: Run) -> Iterator[tuple[str, Figure]]:
     """Narrow versions of figures for small screens, with the names of the files that they replace."""
     with plot.style():
-        figure, ax = plot.figure(width=_NARROW, height=1.8)
-        plot.wall(run.case, ax=ax)
-        yield "wall", figure
+        yield "wall", _wall_figure(run.case, narrow=True)
 
 
 def _design_figure(run: Run) -> Figure:

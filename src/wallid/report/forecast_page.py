@@ -2,71 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from datetime import UTC, datetime
-from importlib.metadata import version
-
 from matplotlib.figure import Figure
 
 from .. import plot
 from .._internal.number_formats import format_text
-from .._internal.visible_text import visible_text
 from ..estimation.forecast_result import Forecast
-from .page import page_environment
-from .svg import DrawnFigure, data_uris
+from .single_page import SinglePage
+
+_CAPTIONS = {
+    "forecast": "The readings before and after the start of the forecast, the forecast, and the band that holds "
+    "95 % of the readings.",
+    "ahead": "How many of the readings before lay in the 95 % band of their prediction, 1, 6 and 24 hours ahead. "
+    "Shares near 95 % say that the bands can be believed.",
+}
 
 
-def forecast_figures(forecast: Forecast) -> Iterator[tuple[str, Figure]]:
-    """Each figure of a forecast with the name of its file."""
-    with plot.style():
-        count = len(forecast.names)
-        figure, axes = plot.figure(count, 1, height=2.4 * count)
-        for k, ax in enumerate([axes] if count == 1 else axes):
-            plot.forecast_band(forecast, k, ax=ax)
-        yield "forecast", figure
-        if forecast.step_errors:
-            figure, ax = plot.figure(height=2.6)
-            plot.errors_ahead(forecast, ax=ax)
-            yield "ahead", figure
-
-
-def render_forecast_page(forecast: Forecast, figures: Sequence[DrawnFigure], command: str = "") -> str:
-    """The page of a forecast as HTML.
-
-    Args:
-        forecast: the forecast.
-        figures: in the order of the page.
-        command: command line that made the page; empty where there was none.
-    """
-    captions = {
-        "forecast": "The readings before and after the start of the forecast, the forecast, and the band that holds "
-        "95 % of the readings.",
-        "ahead": "How many of the readings before lay in the 95 % band of their prediction, 1, 6 and 24 hours ahead. "
-        "Shares near 95 % say that the bands can be believed.",
-    }
-    shown = [
-        {"stem": one.stem, "uri": uri, "caption": captions[one.stem], "width": round(96 * one.figure.get_figwidth())}
-        for one, uri in zip(figures, data_uris(figures), strict=True)
-    ]
-    last = [(name, format_text(forecast.last(k))) for k, name in enumerate(forecast.names)]
-    text = (
-        page_environment()
-        .get_template("forecast.html")
-        .render(
-            forecast=forecast,
-            start=str(forecast.start).replace("T", " "),
-            last=last,
-            disturbance="" if forecast.disturbance is None else format_text(str(forecast.disturbance)),
-            faces="as in the record" if forecast.faces == "record" else "as on the day before",
-            errors=[
+def forecast_page(forecast: Forecast) -> SinglePage:
+    """What `wallid forecast` writes."""
+    disturbance = forecast.disturbance
+    return SinglePage(
+        case=forecast.case.name,
+        template="forecast.html",
+        context={
+            "forecast": forecast,
+            "start": str(forecast.start).replace("T", " "),
+            "last": [(name, format_text(forecast.last(k))) for k, name in enumerate(forecast.names)],
+            "disturbance": "" if disturbance is None else format_text(str(disturbance)),
+            "faces": "as in the record" if forecast.faces == "record" else "as on the day before",
+            "errors": [
                 (f"{one.hours:g} h", [f"{r:.2g} ({c:.0%})" for r, c in zip(one.rms, one.coverage, strict=True)])
                 for one in forecast.step_errors
             ],
-            summary=format_text(str(forecast)),
-            figures=shown,
-            command=command,
-            date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-            wallid=version("wallid"),
-        )
+            "summary": format_text(str(forecast)),
+        },
+        entries={
+            "forecast": forecast.to_dict(),
+            "disturbance": None if disturbance is None else disturbance.to_dict(),
+        },
+        draw=lambda: _figures(forecast),
+        captions=_CAPTIONS,
+        files={"forecast.csv": forecast.to_csv().encode()},
     )
-    return visible_text(text)
+
+
+def _figures(forecast: Forecast) -> list[tuple[str, Figure]]:
+    with plot.style():
+        count = len(forecast.names)
+        bands, axes = plot.figure(count, 1, height=2.4 * count)
+        for k, ax in enumerate([axes] if count == 1 else axes):
+            plot.forecast_band(forecast, k, ax=ax)
+        figures = [("forecast", bands)]
+        if forecast.step_errors:
+            ahead, ax = plot.figure(height=2.6)
+            plot.errors_ahead(forecast, ax=ax)
+            figures.append(("ahead", ahead))
+    return figures

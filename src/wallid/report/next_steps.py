@@ -62,7 +62,10 @@ def next_steps(run: Run) -> list[str]:
             f"heater{known}"
         )
     elif run.fit is not None and run.case.sensors and not run.unreliable_reason:
-        steps.append("use the value; `wallid diagnose` tests each effect of the library more closely")
+        closer = (
+            "" if run.case.section is not None else "; `wallid diagnose` tests each effect of the library more closely"
+        )
+        steps.append(f"use the value{closer}")
     if run.fit is not None and run.fit.thermal is not None:
         if not run.case.sensors and not run.unreliable_reason:
             steps.insert(

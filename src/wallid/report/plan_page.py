@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from datetime import UTC, datetime
-from importlib.metadata import version
-
 from matplotlib.figure import Figure
 
 from .. import plot
 from .._internal.number_formats import counted, date_of, format_text
-from .._internal.visible_text import visible_text
 from ..experiment_design.campaign_plan.plan_result import CampaignPlan
-from .page import page_environment
-from .svg import DrawnFigure, data_uris
+from .single_page import SinglePage
 
 _NAMES = {
     "diffusivity": "diffusivity",
@@ -31,56 +25,42 @@ _CAPTIONS = {
 }
 
 
-def plan_figures(plan: CampaignPlan) -> Iterator[tuple[str, Figure]]:
-    """Each figure of a planned campaign with the name of its file."""
+def plan_page(plan: CampaignPlan) -> SinglePage:
+    """What `wallid plan` writes."""
+    return SinglePage(
+        case=plan.campaign.name,
+        template="plan.html",
+        context={
+            "plan": plan,
+            "campaign": plan.campaign,
+            "first": date_of(plan.start),
+            "expected": [(_NAMES[name], f"± {100 * value:.2g} %") for name, value in plan.expected.items()],
+            "steps": [format_text(step) for step in plan_steps(plan)],
+            "summary": format_text(str(plan)),
+            "badge": f"{counted(len(plan.positions), 'sensor')}, {counted(len(plan.plates), 'plate')}",
+            "season": format_text(f"{plan.season_sentence[:1].upper()}{plan.season_sentence[1:]}."),
+        },
+        entries={"plan": plan.to_dict()},
+        draw=lambda: _figures(plan),
+        captions=_CAPTIONS,
+    )
+
+
+def _figures(plan: CampaignPlan) -> list[tuple[str, Figure]]:
     with plot.style():
-        figure, ax = plot.figure(height=2.4)
+        section, ax = plot.figure(height=2.4)
         plot.wall(plan.case, ax=ax)
-        yield "section", figure
-        figure, ax = plot.figure(height=3.6)
+        days, ax = plot.figure(height=3.6)
         plot.interval_by_days(plan, ax=ax)
-        yield "days", figure
-        figure, ax = plot.figure(height=3.0)
+        season, ax = plot.figure(height=3.0)
         plot.interval_by_start(plan, ax=ax)
-        yield "season", figure
+        figures = [("section", section), ("days", days), ("season", season)]
         if plan.tolerances:
-            figure, axes = plot.figure(1, len(plan.tolerances), height=2.8)
+            accuracy, axes = plot.figure(1, len(plan.tolerances), height=2.8)
             for ax, one in zip(axes, plan.tolerances, strict=True):
                 plot.interval_by_accuracy(plan, one.name, ax=ax)
-            yield "accuracy", figure
-
-
-def render_plan_page(plan: CampaignPlan, figures: Sequence[DrawnFigure], command: str = "") -> str:
-    """The page of a planned campaign as HTML.
-
-    Args:
-        plan: the planned campaign.
-        figures: in the order of the page.
-        command: command line that made the page; empty where there was none.
-    """
-    shown = [
-        {"stem": one.stem, "uri": uri, "caption": _CAPTIONS[one.stem], "width": round(96 * one.figure.get_figwidth())}
-        for one, uri in zip(figures, data_uris(figures), strict=True)
-    ]
-    text = (
-        page_environment()
-        .get_template("plan.html")
-        .render(
-            plan=plan,
-            campaign=plan.campaign,
-            first=date_of(plan.start),
-            expected=[(_NAMES[name], f"± {100 * value:.2g} %") for name, value in plan.expected.items()],
-            steps=[format_text(step) for step in plan_steps(plan)],
-            summary=format_text(str(plan)),
-            badge=f"{counted(len(plan.positions), 'sensor')}, {counted(len(plan.plates), 'plate')}",
-            season=format_text(f"{plan.season_sentence[:1].upper()}{plan.season_sentence[1:]}."),
-            figures=shown,
-            command=command,
-            date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-            wallid=version("wallid"),
-        )
-    )
-    return visible_text(text)
+            figures.append(("accuracy", accuracy))
+    return figures
 
 
 def plan_steps(plan: CampaignPlan) -> list[str]:

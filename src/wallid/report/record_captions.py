@@ -29,6 +29,8 @@ def wall_text(run: Run) -> str:
     """Alternative text of the figure of the wall."""
     wall = run.case.wall
     layers = f"{len(wall.layers)} layers" if wall.layers else "one material"
+    if run.case.section is not None:
+        layers = " and ".join(material.name for material in run.case.section.materials)
     sensors = ", ".join(f"{sensor.name} at {1e3 * sensor.position:.4g} mm" for sensor in run.case.sensors) or "none"
     plates = " and ".join(fluxes_of(run.case))
     return (
@@ -41,7 +43,8 @@ def wall_text(run: Run) -> str:
 def wall_caption(run: Run) -> str:
     """Caption of the figure of the wall."""
     plates = "; heat flux plates are drawn thicker than they are" if fluxes_of(run.case) else ""
-    return f"The wall in section, to scale along x, with the positions of the sensors{plates}."
+    scale = "to scale" if run.case.section is not None else "to scale along x"
+    return f"The wall in section, {scale}, with the positions of the sensors{plates}."
 
 
 def record_text(run: Run) -> str:

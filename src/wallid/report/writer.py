@@ -14,17 +14,16 @@ from typing import TYPE_CHECKING, Any
 
 from .._internal.errors import InputError
 from .._internal.interrupts import give_up_if_interrupted, signals_held, written
-from ..estimation.forecast_result import Forecast
-from ..experiment_design.campaign_plan.plan_result import CampaignPlan
 from ..workflow import Run
 from .result_json import SCHEMA, result_entries
 
 if TYPE_CHECKING:
+    from .single_page import SinglePage
     from .svg import DrawnFigure
 
 FORMATS = ("png", "svg", "pdf")
 """Formats of figure files."""
-COMMANDS = ("demo", "run", "check", "design", "estimate", "diagnose", "plan", "forecast")
+COMMANDS = ("demo", "run", "check", "design", "estimate", "diagnose", "plan", "forecast", "section")
 """Commands that write a report; each keeps the report of another command in its folder."""
 _COMMAND = re.compile(rf"wallid (?P<name>{'|'.join(COMMANDS)})\b")
 
@@ -72,11 +71,11 @@ def write_report(run: Run, out: str | Path, command: str = "", formats: Sequence
         return write_files(_contents(run, command, formats), out, command)
 
 
-def write_plan(plan: CampaignPlan, out: str | Path, command: str = "", formats: Sequence[str] = ("png",)) -> list[Path]:
-    """Write result.json, report.html and the figures of a planned campaign into a folder: all of them, or none.
+def write_page(page: SinglePage, out: str | Path, command: str = "", formats: Sequence[str] = ("png",)) -> list[Path]:
+    """Write result.json, report.html, the figures and further files of a result into a folder: all of them, or none.
 
     Args:
-        plan: with its results.
+        page: what the result is written as (`plan_page`, `forecast_page`, `section_page`).
         out, command, formats: as in `write_report`.
 
     Returns:
@@ -86,26 +85,7 @@ def write_plan(plan: CampaignPlan, out: str | Path, command: str = "", formats: 
         InputError: the folder cannot be created or written.
     """
     with _errors_name_the_folder(Path(out)):
-        return write_files(_contents_of_plan(plan, command, formats), out, command)
-
-
-def write_forecast(
-    forecast: Forecast, out: str | Path, command: str = "", formats: Sequence[str] = ("png",)
-) -> list[Path]:
-    """Write result.json, forecast.csv, report.html and the figures of a forecast into a folder: all, or none.
-
-    Args:
-        forecast: the forecast.
-        out, command, formats: as in `write_report`.
-
-    Returns:
-        Paths of the files.
-
-    Raises:
-        InputError: the folder cannot be created or written.
-    """
-    with _errors_name_the_folder(Path(out)):
-        return write_files(_contents_of_forecast(forecast, command, formats), out, command)
+        return write_files(_contents_of_page(page, command, formats), out, command)
 
 
 def _figure_files(figures: Sequence[DrawnFigure]) -> dict[str, bytes]:
@@ -289,32 +269,15 @@ def _contents(run: Run, command: str, formats: Sequence[str]) -> dict[str, bytes
     return files
 
 
-def _contents_of_plan(plan: CampaignPlan, command: str, formats: Sequence[str]) -> dict[str, bytes]:
-    """The contents of all files of a planned campaign by name, `result.json` last."""
-    from .plan_page import plan_figures, render_plan_page
+def _contents_of_page(page: SinglePage, command: str, formats: Sequence[str]) -> dict[str, bytes]:
+    """The contents of all files of a page by name, `result.json` last."""
     from .svg import draw_figure
 
-    drawn = [draw_figure(stem, figure, formats) for stem, figure in plan_figures(plan)]
-    files = _figure_files(drawn)
-    entries: dict[str, Any] = {"schema": SCHEMA, "case": plan.campaign.name, "diffusivity": None, "verdict": None}
-    entries |= {"plan": plan.to_dict()} | ({"command": command} if command else {})
+    drawn = [draw_figure(stem, figure, formats) for stem, figure in page.draw()]
+    files = _figure_files(drawn) | dict(page.files)
+    entries: dict[str, Any] = {"schema": SCHEMA, "case": page.case, "diffusivity": None, "verdict": None}
+    entries |= dict(page.entries) | ({"command": command} if command else {})
     entries["files"] = [*files, "report.html", "result.json"]
-    files["report.html"] = render_plan_page(plan, drawn, command).encode()
-    files["result.json"] = (_as_json(entries) + "\n").encode()
-    return files
-
-
-def _contents_of_forecast(forecast: Forecast, command: str, formats: Sequence[str]) -> dict[str, bytes]:
-    """The contents of all files of a forecast by name, `result.json` last."""
-    from .forecast_page import forecast_figures, render_forecast_page
-    from .svg import draw_figure
-
-    drawn = [draw_figure(stem, figure, formats) for stem, figure in forecast_figures(forecast)]
-    files = _figure_files(drawn) | {"forecast.csv": forecast.to_csv().encode()}
-    disturbance = None if forecast.disturbance is None else forecast.disturbance.to_dict()
-    entries: dict[str, Any] = {"schema": SCHEMA, "case": forecast.case.name, "diffusivity": None, "verdict": None}
-    entries |= {"forecast": forecast.to_dict(), "disturbance": disturbance} | ({"command": command} if command else {})
-    entries["files"] = [*files, "report.html", "result.json"]
-    files["report.html"] = render_forecast_page(forecast, drawn, command).encode()
+    files["report.html"] = page.render(drawn, command).encode()
     files["result.json"] = (_as_json(entries) + "\n").encode()
     return files
