@@ -21,6 +21,7 @@ from ..inference.parameters import kind_of, target_of
 from ..inference.parametric_bootstrap import bootstrap
 from ..inference.physical_bounds import HIGHEST, LOWEST, clip_to_physical, limited_log_std
 from ..inference.quantity import NORMAL_95, Quantity, lognormal
+from ..inference.sensor_places import sensor_places
 from ..inference.validity import (
     FAR_LARGER,
     noise_advice,
@@ -201,6 +202,7 @@ def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[
         noise_description=_noise_description(best_fit),
         noise_ratio=noise_ratio(best_fit),
         disturbance=best_fit.disturbance,
+        sensor_places=sensor_places(case, best_fit) if not reason else {},
         noise_rms=tuple(best_fit.noise_shape.stated_rms_of_outputs().tolist()),
         advice=tuple(text for text in (noise_advice(case, best_fit), _doubt(case, value)) if text),
         variance_shares=best_fit.variance_shares() if not reason else {},

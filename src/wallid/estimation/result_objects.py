@@ -20,6 +20,7 @@ from ..inference.disturbance_search import Disturbance
 from ..inference.identifiability import Identifiability
 from ..inference.parametric_bootstrap import Bootstrap
 from ..inference.quantity import NORMAL_95, Quantity, normal, quantity_frame
+from ..inference.sensor_places import SensorPlace
 from ..models.flux_plates import fluxes_of
 from ..records.row_times import time_index
 from .heat_flux import ThermalProperties
@@ -76,6 +77,7 @@ class Estimate(ResultObject):
         parameters: every nuisance parameter that was estimated, by name: (value, standard error), in its own unit.
         wall_parameters: the other estimated parameters of the wall (`[choices] free`): "layer 1" and so on, m2/s;
             "film_left" and "film_right", conductivity over film coefficient, m.
+        sensor_places: of each sensor of unknown height in a section: in which material it probably is.
         disturbance: heat that the model does not know, as the interval counts it; None where none was found or asked
             for.
     """
@@ -114,6 +116,7 @@ class Estimate(ResultObject):
     wall_parameters: dict[str, Quantity] = field(default_factory=dict)
     parameters: dict[str, tuple[float, float]] = field(default_factory=dict, repr=False)
     disturbance: Disturbance | None = None
+    sensor_places: dict[str, SensorPlace] = field(default_factory=dict)
 
     def conf_int(self, level: float = 0.95) -> tuple[float, float]:
         """The confidence interval of the diffusivity at a level, m2/s.
@@ -153,6 +156,8 @@ class Estimate(ResultObject):
             f"(about 1 where the stated noise explains it); {self.noise_description}",
         ]
         lines += [] if self.disturbance is None else [f"disturbance  {self.disturbance}"]
+        if self.sensor_places:
+            lines.append("heights      " + ", ".join(f"{name} {place}" for name, place in self.sensor_places.items()))
         lines += [f"advice       {text}" for text in self.advice]
         if self.thermal is not None:  # the average method does not depend on the estimate
             lines += self.thermal.property_lines if self.reliable and not flux_only else []
@@ -215,6 +220,7 @@ class Estimate(ResultObject):
             "wall_parameters": {name: one.result() for name, one in self.wall_parameters.items()},
             "thermal": self.thermal,
             "disturbance": self.disturbance,
+            "sensor_places": {name: place.to_dict() for name, place in self.sensor_places.items()},
         }
         return plain_value(entries)
 

@@ -28,6 +28,14 @@ from ..models.window_inputs import WindowData
 from .common_noise import common_noise_of_face
 from .parameters import Parameter, Parameters, target_of
 from .position_errors import face_position_response, sensor_position_response
+from .sensor_heights import (
+    COMPONENTS,
+    HEIGHT_KIND,
+    candidate_heights,
+    has_uncertain_height,
+    height_deviations,
+    principal_components,
+)
 
 CONTACT_RESISTANCE, CONTACT_STD = 0.005, 1.2  # m2 K/W, the prior median; and the standard deviation of its logarithm
 _CONTACT_STEP = 0.05  # prior standard deviations
@@ -154,6 +162,33 @@ class SensorPositions(NuisanceKind):
         return LinearEffect(columns, linearised_at, change, slope)
 
 
+class SensorHeights(NuisanceKind):
+    """What each sensor of unknown height in a section reads, as amplitudes of principal components over the heights."""
+
+    kind, source_of_variance = HEIGHT_KIND, "heights"
+
+    def parameters(self, case: Case, window: Window) -> Iterable[Parameter]:
+        """Some parameters for each such sensor."""
+        return (
+            Parameter(f"{self.kind}[{sensor.name}, {k + 1}]", prior_std=1.0)
+            for sensor in case.sensors
+            if has_uncertain_height(case, sensor)
+            for k in range(COMPONENTS)
+        )
+
+    def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
+        """The components at the point's diffusivity, and the mean over the heights."""
+        columns, change = np.zeros((len(names), *point.shape)), np.zeros(point.shape)
+        uncertain = [k for k, sensor in enumerate(point.case.sensors) if has_uncertain_height(point.case, sensor)]
+        for number, k in enumerate(uncertain):
+            sensor = point.case.sensors[k]
+            deviations = height_deviations(point.case, point.data, point.diffusivity, sensor)
+            mean, components = principal_components(deviations, candidate_heights(point.case, sensor)[1])
+            change[:, k] = mean
+            columns[COMPONENTS * number : COMPONENTS * (number + 1), :, k] = components
+        return LinearEffect(columns, np.zeros(len(names)), change)
+
+
 class FacePositions(NuisanceKind):
     """The position of each face's sensor, m to the right of the face."""
 
@@ -247,6 +282,7 @@ class CommonNoise(NuisanceKind):
 NUISANCE_KINDS: tuple[NuisanceKind, ...] = (
     SensorOffsets(),
     SensorPositions(),
+    SensorHeights(),
     FacePositions(),
     WallParameters(),
     ContactResistances(),

@@ -110,6 +110,8 @@ def _fit(run: Run, fit: Estimate) -> dict[str, Any]:
         entries[key] = {name: {"value": value, "std": std, "unit": unit} for name, (value, std) in values.items()}
     entries["interval"], entries["advice"] = _interval(fit), list(fit.advice)
     entries["disturbance"] = None if fit.disturbance is None else fit.disturbance.to_dict()
+    if fit.sensor_places:
+        entries["sensor_places"] = {name: place.to_dict() for name, place in fit.sensor_places.items()}
     entries |= _identifiability(fit)
     if fit.thermal is not None:
         floor = fit.expected_rms(flux=True) if fit.noise_rms else flux_noise_std(run.case)

@@ -1,0 +1,148 @@
+"""Whether 95 % intervals hold the truth where the wall is of stones and mortar, and in which one a sensor is.
+
+`python -m benchmarks.accuracy.section_heights`
+
+Each wall is another coursed rubble, simulated by finite elements (`section_by_finite_elements`) between smooth faces:
+all its conductivities are a common factor times the stated ones. Three sensors are at known distances from the left
+face and at random heights. Each record is estimated through the section with the heights as known and as unknown, and
+as a homogeneous wall in one dimension.
+
+Each record's outcome is appended to a log of JSON lines, so that a long run goes on where it ended.
+"""
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from benchmarks.accuracy.discrepancy.score import interval
+from benchmarks.accuracy.resumed_log import resumed
+from benchmarks.reference.analytic_slab import weather
+from benchmarks.reference.section_by_finite_elements import ElementSection, Rectangle
+
+LENGTH, HEIGHT = 0.4, 0.5
+MATERIALS = {"stone": (1.7, 2.1e6), "mortar": (0.6, 1.5e6)}  # W/m/K, J/m3/K
+PLACES = (0.1, 0.2, 0.3)  # m
+DAYS, BEFORE = 7, 4
+STEP, FINE = 1800.0, 300.0  # s
+SENSOR_STD, FACE_STD, POSITION_STD = 0.05, 0.02, 0.002  # K, K, m
+ELEMENT = 0.02  # m
+METHODS = ("known", "unknown", "one dimension")
+DECIDED = 9.0  # of -2 log L between the materials
+KEYS = ("number",)
+SEED = 2903  # fixed before the first record was estimated
+
+
+def rubble(rng: np.random.Generator) -> tuple:
+    """The regions of one wall."""
+    from wallid.case.section import coursed_rubble
+
+    return coursed_rubble(
+        LENGTH, HEIGHT, courses=int(rng.integers(2, 5)), stone_length=float(rng.uniform(0.12, 0.3)),
+        joint=0.02, seed=int(rng.integers(1 << 30)),
+    )  # fmt: skip
+
+
+def simulated(regions: tuple, factor: float, heights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """The readings of the faces and sensors at the rows, degC, `(time, 5)`."""
+    rectangles = [
+        Rectangle(one.x, one.y, factor * MATERIALS[one.material][0], MATERIALS[one.material][1]) for one in regions
+    ]
+    faces = weather(round((DAYS + BEFORE) * 86400.0 / FINE), FINE, rng, hours=(8.0, 2.0))
+    points = np.stack([np.array(PLACES) + POSITION_STD * rng.standard_normal(3), heights], axis=1)
+    stride = round(STEP / FINE)
+    inside = ElementSection(LENGTH, HEIGHT, rectangles, ELEMENT).temperatures(faces, FINE, points, stride)
+    rows = slice(round(BEFORE * 86400.0 / STEP), None)
+    readings = np.concatenate([faces[::stride][: len(inside)], inside], axis=1)[rows]
+    return readings + np.array([FACE_STD] * 2 + [SENSOR_STD] * 3) * rng.standard_normal(readings.shape)
+
+
+def estimated(number: int) -> dict[str, Any]:
+    """The errors and standard errors of one record by each method, and where its sensors were found."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import wallid
+    from wallid.case.section import SectionMaterial, section_of_regions
+    from wallid.models.section.section_state_space import section_modes
+
+    rng = np.random.default_rng([SEED, number])
+    regions, factor, heights = rubble(rng), float(np.exp(0.3 * rng.standard_normal())), rng.uniform(0.0, HEIGHT, 3)
+    readings = simulated(regions, factor, heights, rng)
+    section = section_of_regions(LENGTH, HEIGHT, [SectionMaterial(k, *v) for k, v in MATERIALS.items()], regions)
+    truth = factor * section_modes(section).equivalent.diffusivity
+    frame = pd.DataFrame(readings, columns=["left", "right", "T1", "T2", "T3"])
+    frame.insert(0, "time", STEP * np.arange(len(frame)))
+    outcome: dict[str, Any] = {"number": number, "factor": factor, "sensors": []}
+    for method in METHODS:
+        sensors = [
+            wallid.Sensor(
+                f"T{k + 1}", x, noise_std=SENSOR_STD, position_std=POSITION_STD,
+                height=float(heights[k]) if method == "known" else None,
+            )
+            for k, x in enumerate(PLACES)
+        ]  # fmt: skip
+        case = wallid.Case.from_dataframe(
+            frame, time="time", left="left", right="right", wall=wallid.Wall(LENGTH, section.diffusivity_prior),
+            sensors=sensors, section=None if method == "one dimension" else section, model="lom",
+            boundary_noise_std=FACE_STD, window_days=DAYS,
+        )  # fmt: skip
+        fit = wallid.estimate(case)
+        low, high = fit.interval_95
+        outcome[method] = {
+            "error": float(np.log(fit.value / truth)),
+            "std": fit.std / fit.value,
+            "inside": bool(low <= truth <= high),
+            "reliable": fit.reliable,
+        }
+        for k, sensor in enumerate(sensors if method == "unknown" else ()):
+            if (place := fit.sensor_places.get(sensor.name)) is not None:
+                true = section.material_at(PLACES[k], float(heights[k])).name
+                outcome["sensors"].append(
+                    {"true": true, "found": place.material, "deviance": place.deviance, "share": place.materials[true]}
+                )
+    return outcome
+
+
+def summary(outcomes: list[dict]) -> str:
+    """Coverage and z of each method, and how often a sensor's material was right."""
+    lines = []
+    for method in METHODS:
+        own = [one[method] for one in outcomes]
+        z = np.array([one["error"] / one["std"] for one in own])
+        hits = sum(one["inside"] for one in own)
+        low, high = interval(hits, len(own))
+        lines.append(
+            f"{method:<14} {hits} of {len(own)} ({hits / len(own):.1%}, {low:.1%} to {high:.1%}); z {z.mean():+.2f} +- "
+            f"{z.std():.2f}; median standard error {np.median([one['std'] for one in own]):.2%}; "
+            f"called reliable {sum(one['reliable'] for one in own)}"
+        )
+    sensors = [sensor for one in outcomes for sensor in one["sensors"]]
+    decided = [sensor for sensor in sensors if sensor["deviance"] >= DECIDED]
+    right = sum(sensor["true"] == sensor["found"] for sensor in decided)
+    lines.append(f"stone or mortar: decided {len(decided)} of {len(sensors)} sensors, right {right}")
+    everywhere = sum(sensor["true"] == sensor["found"] for sensor in sensors)
+    lines.append(
+        f"the likelier one right for {everywhere} of {len(sensors)}, "
+        f"stated on average {np.mean([max(s['share'], 1 - s['share']) for s in sensors]):.1%}"
+    )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Run what the log does not have yet, and print the summary."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--records", type=int, default=400)
+    parser.add_argument("--log", type=Path, default=Path("section_heights.jsonl"))
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    arguments = parser.parse_args()
+    tasks = [(number,) for number in range(arguments.records)]
+    done = resumed(arguments.log, tasks, estimated, lambda number: (number,), KEYS, arguments.workers)
+    print(summary(done))
+
+
+if __name__ == "__main__":
+    main()
