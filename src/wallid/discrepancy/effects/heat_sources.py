@@ -66,12 +66,11 @@ def hours_signal(forcing: ForcingData, start: Array, end: Array) -> Array:
         end: last hour; may be after midnight.
     """
     width = forcing.step / 3600.0
-    total = jnp.zeros(forcing.intervals)
-    for day in (-1, 0, 1, 2):  # the hours, and the interval between two rows, may contain midnight
-        low = jnp.maximum(forcing.hour, start + 24.0 * day)
-        high = jnp.minimum(forcing.hour + width, end + 24.0 * day)
-        total = total + jnp.maximum(high - low, 0.0) / width
-    return total[:, None] * CONSTANT
+    days = 24.0 * np.arange(-1, 3)  # the hours, and the interval between two rows, may contain midnight
+    hour = forcing.hour[:, None]
+    low, high = jnp.maximum(hour, start + days), jnp.minimum(hour + width, end + days)
+    share = jnp.sum(jnp.maximum(high - low, 0.0) / width, axis=1)
+    return share[:, None] * CONSTANT
 
 
 class UniformSource(_HeatSource):

@@ -6,6 +6,7 @@ import math
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ...models.finite_volume_wall import lagrange_weights
@@ -84,10 +85,11 @@ def build_cells(terms: Terms, forcing: ForcingData) -> Cells:
     rows = _reading_weights(positions, resistance, forcing.layer_nodes, forcing.sensor_positions + terms.position)
     state = rows[:, 1:-1].at[:, ends].add(weight * rows[:, ends])
     face = (1.0 - weight) * rows[:, ends]
-    # of the material between each face's sensor and the surface, on which the plate is
-    buried = terms.depth * resistance[ends] / jnp.diff(positions)[ends]
-    fluxes = _flux_weights(resistance, film, buried)[jnp.array(forcing.plates, dtype=int)]
-    state, face = jnp.concatenate([state, fluxes[:, 1:-1]]), jnp.concatenate([face, fluxes[:, ends]])
+    if forcing.plates:
+        # of the material between each face's sensor and the surface, on which the plate is
+        buried = terms.depth * resistance[ends] / jnp.diff(positions)[ends]
+        fluxes = _flux_weights(resistance, film, buried)[jnp.array(forcing.plates, dtype=int)]
+        state, face = jnp.concatenate([state, fluxes[:, 1:-1]]), jnp.concatenate([face, fluxes[:, ends]])
 
     sources = [_source_profile(source.position, positions, forcing.length) * source.rate for source in terms.sources]
     rates = jnp.stack([jnp.broadcast_to(s, inner.shape) for s in (terms.loss[0], terms.loss[1], *sources)], axis=1)
@@ -140,13 +142,14 @@ def _reading_weights(
     first = jnp.clip(first, layer_nodes[layer], layer_nodes[layer + 1] + 1 - _STENCIL)
     stencil = first[:, None] + jnp.arange(_STENCIL)
     nodes = cumulative[stencil]
-    at_sensor = jnp.interp(position, positions, cumulative)[:, None]
-    weights = [
-        math.prod((at_sensor[:, 0] - nodes[:, j]) / (nodes[:, i] - nodes[:, j]) for j in range(_STENCIL) if j != i)
-        for i in range(_STENCIL)
-    ]
+    at_sensor = jnp.interp(position, positions, cumulative)
+    # the factor of weight i for every other node j, and 1 for i itself
+    itself = np.eye(_STENCIL, dtype=bool)
+    distances = jnp.where(itself, 1.0, nodes[:, :, None] - nodes[:, None, :])
+    factors = jnp.where(itself, 1.0, (at_sensor[:, None] - nodes)[:, None, :] / distances)
+    weights = math.prod(factors[:, :, j] for j in range(_STENCIL))
     rows = jnp.zeros((position.shape[0], positions.shape[0]))
-    return rows.at[jnp.arange(position.shape[0])[:, None], stencil].set(jnp.stack(weights, axis=1))
+    return rows.at[jnp.arange(position.shape[0])[:, None], stencil].set(weights)
 
 
 def _flux_weights(

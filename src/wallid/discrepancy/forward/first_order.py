@@ -81,8 +81,7 @@ def first_order_response(
     modes = base.modes[::substeps]
     modes_rate = modes * system.poles + q @ system.input_matrix.T
 
-    def observed(some: Terms, modes: Array, modes_rate: Array) -> Array:
-        wall = build_cells(some, forcing)
+    def observed(some: Terms, wall: Cells, modes: Array, modes_rate: Array) -> Array:
         weights = wall.state_to_readings @ system.to_nodes
         q, q_rate = inputs_at_rows(wall.inputs, forcing.step)
         value = modes @ weights.T + q[:, :2] @ wall.faces_to_readings.T
@@ -90,7 +89,7 @@ def first_order_response(
             some, forcing, value, modes_rate @ weights.T + q_rate[:, :2] @ wall.faces_to_readings.T
         )
 
-    return jax.jvp(observed, (terms, modes, modes_rate), (change, m, rates))[1]
+    return jax.jvp(observed, (terms, cells, modes, modes_rate), (change, cells_change, m, rates))[1]
 
 
 def solve_base(

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..._internal.units import DAY
-from ...models.exponential_solver import phi_functions
 from ..effects.equation_terms import ForcingData, Terms
 from .cells import inputs_at_rows
 from .nonlinear_wall import conductivity_factor, diffusivity_factor
+from .phi_derivatives import phi_functions_by_identity
 
 
 def apply_instrument_effects(
@@ -122,7 +122,7 @@ def _lagged(value: Array, rate: Array, lag: Array, step: Array) -> Array:
     for j in range(1, 4):
         psi.append(1.0 - j * jnp.where(short_lag, s, 0.0) * psi[-1])
     inverse = 1.0 / jnp.where(short_lag, 1.0, s)
-    _, *phis = phi_functions(-inverse, highest=4)
+    _, *phis = phi_functions_by_identity(-inverse, highest=4)
     weights = [
         jnp.where(short_lag, recursive, inverse * math.factorial(j) * phi)
         for j, (recursive, phi) in enumerate(zip(psi, phis, strict=True))

@@ -14,10 +14,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...models.exponential_solver import phi_functions
 from ...models.state_space import symmetric_modes
 from ..effects.equation_terms import ForcingData
 from .cells import Cells, inputs_at_rows, rate_coefficients
+from .phi_derivatives import phi_functions_by_identity
 
 
 class Modes(eqx.Module):
@@ -71,7 +71,7 @@ class Modes(eqx.Module):
 
     def _weights(self, powers: int, step: Array) -> Float[Array, "power mode"]:
         """`h j! phi_{j+1}(z)`: the contribution of a power of time within a step to a mode."""
-        phis = phi_functions(step * self.poles, highest=powers)[1:]
+        phis = phi_functions_by_identity(step * self.poles, highest=powers)[1:]
         return step * jnp.stack([math.factorial(j) * phi for j, phi in enumerate(phis)])
 
     def _advance(
