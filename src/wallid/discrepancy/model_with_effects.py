@@ -1,4 +1,4 @@
-"""The wall with all effects of the library, as a compiled function of its parameters.
+"""The wall with all effects, as a compiled function of its parameters.
 
 At neutral values of the effects the model is exactly the plain one, so one compilation serves all combinations of
 effects. It serves all priors and bounds too, which are data.
@@ -31,17 +31,16 @@ DEPTH_SIGNS = np.array([1.0, -1.0])
 """The depth inside the wall of each face's sensor, for one metre to the right of the face."""
 _MOST_OF_EFFECTS = 8  # parameters of effects that a fit may estimate without another compilation
 _COLUMNS = 32  # columns of a Jacobian per call of the compiled function, computed one after the other
-_CHUNK = 2  # directions of a linear wall computed together: more do not fit into the cache
 # directions of a nonlinear wall computed together: more share each small step, fewer use more cores
 _NONLINEAR_CHUNK = 10
 
 
 class ModelWithEffects(eqx.Module):
-    """The wall with all effects of the library, as a function of its parameters.
+    """The wall with all effects, as a function of its parameters.
 
     Args:
         forcing: face temperatures, regressors and cells of the wall.
-        effects: the effects of the library.
+        effects: those that the record can be tested for, and those of columns that were not logged.
         log_prior: ln of the prior diffusivity, alpha in m2/s.
         reference_conductivity: of the parameter `log_conductivity`, W/m/K; of no effect without a plate.
         sensors: names of the inner sensors.
@@ -184,7 +183,13 @@ def face_impulse_response(model: ModelWithEffects, parameters: Parameters) -> np
 
     Between rows the error is linear. Effects at the faces (such as a lag) apply to it.
     """
-    return np.asarray(_impulses(model, parameters))
+    # an error at the second row, which has a line before it; the first row is cut off below
+    triangles = np.zeros((2, *model.forcing.faces.shape))
+    for side in (0, 1):
+        triangles[side, 0, 1, side] = triangles[side, 1, 0, side] = 1.0
+        triangles[side, 1, 1, side] = -1.0
+    both = face_change_response(model, parameters, triangles)
+    return np.concatenate([both[:, 1:], both[:, -1:]], axis=1)
 
 
 def face_change_response(
@@ -195,7 +200,9 @@ def face_change_response(
     Args:
         changes: coefficients of the powers of s, from 0 at a row to 1 at the next, K.
     """
-    return np.asarray(_responses(model, parameters, on_device(changes)))
+    pairs = _chunks(np.asarray(changes), 2)  # so that any number of changes shares one compilation
+    responses = [np.asarray(_responses(model, parameters, on_device(pair))) for pair in pairs]
+    return np.concatenate(responses)[: len(changes)]
 
 
 @eqx.filter_jit
@@ -218,19 +225,6 @@ def _response(
     return face_response(plain, changed.faces, forcing, model.diffusivity(parameters))
 
 
-@eqx.filter_jit
-def _impulses(model: ModelWithEffects, parameters: Parameters) -> Float[Array, "face time instrument"]:
-    zeros = jnp.zeros_like(model.forcing.faces)
-
-    def response(side: int) -> Array:
-        # an error at the second row, which has a line before it; the first row is cut off below
-        triangle = zeros.at[0, 1, side].set(1.0).at[1, 0, side].set(1.0).at[1, 1, side].set(-1.0)
-        return _response(model, parameters, triangle)
-
-    both = jnp.stack([response(0), response(1)])
-    return jnp.concatenate([both[:, 1:], both[:, -1:]], axis=1)
-
-
 def linearise(
     model: ModelWithEffects, bins: BinnedReadings, parameters: Parameters, names: Sequence[str], *, linear: bool
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -251,7 +245,7 @@ def linearise(
     if linear:
         most = sum(not name.startswith("effect.") for name in parameters.names) + _MOST_OF_EFFECTS
         directions = np.pad(directions, ((0, max(0, most - len(names))), (0, 0)))
-        value, slope = _linearise(model, bins, parameters, on_device(np.stack(_chunks(directions, _CHUNK))))
+        value, slope = _linearise(model, bins, parameters, on_device(directions))
         return np.asarray(value), np.asarray(slope)[: len(names)]
 
     def derivatives(some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -272,7 +266,7 @@ _compiled_shapes: set[tuple[object, ...]] = set()
 
 def _chunks(rows: np.ndarray, size: int) -> list[np.ndarray]:
     """The rows in chunks, the last padded with zeros, so that another number of rows needs no new compilation."""
-    padded = np.pad(rows, ((0, -len(rows) % size), (0, 0)))
+    padded = np.pad(rows, ((0, -len(rows) % size), *((0, 0),) * (rows.ndim - 1)))
     return np.split(padded, len(padded) // size)
 
 
@@ -290,18 +284,16 @@ def _function_of_values(
 
 @eqx.filter_jit
 def _linearise(
-    model: ModelWithEffects, bins: BinnedReadings, parameters: Parameters, directions: Float[Array, "chunk two param"]
+    model: ModelWithEffects, bins: BinnedReadings, parameters: Parameters, directions: Float[Array, "direction param"]
 ) -> tuple[Float[Array, "time instrument"], Float[Array, "direction reading"]]:
     value, along = jax.linearize(_function_of_values(model, parameters, linear=True), parameters.values)
 
-    def slopes(some: Array) -> Array:
-        return jax.vmap(lambda direction: bins.mean(along(direction)))(some)
+    def slope(direction: Array) -> Array:
+        """Zeros, without computation, for the zeros behind the last direction."""
+        nonzero = jnp.any(direction != 0.0)
+        return jax.lax.cond(nonzero, lambda: bins.mean(along(direction)), lambda: jnp.zeros(bins.readings))
 
-    def some_slopes(some: Array) -> Array:
-        """Zeros, without computation, where every direction is zero."""
-        return jax.lax.cond(jnp.any(some != 0.0), slopes, lambda some: jnp.zeros((some.shape[0], bins.readings)), some)
-
-    return value, jax.lax.map(some_slopes, directions).reshape(-1, bins.readings)
+    return value, jax.lax.map(slope, directions)
 
 
 @eqx.filter_jit

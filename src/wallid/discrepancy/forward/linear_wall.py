@@ -18,6 +18,7 @@ from ...models.state_space import symmetric_modes
 from ..effects.equation_terms import ForcingData
 from .cells import Cells, inputs_at_rows, rate_coefficients
 from .phi_derivatives import phi_functions_by_identity
+from .unchanged_arguments import without_idle_derivatives
 
 
 class Modes(eqx.Module):
@@ -50,9 +51,8 @@ class Modes(eqx.Module):
             input_matrix: rates of the modes per unit of each input.
             step: from row to row, s.
         """
-        # the weights are applied to the few inputs first, so that no array over modes and powers arises per interval
-        weights = self._weights(inputs.shape[1], step)[:, :, None] * input_matrix
-        return self._advance(initial, jnp.einsum("njq,jmq->nm", inputs, weights), step)
+        weights = self._weights(inputs.shape[1], step)
+        return self._advance(initial, _driven(inputs, weights, input_matrix), step)
 
     def integrate_piecewise_linear(
         self, rates: Float[Array, "point mode"], step: Array, *, parts: int
@@ -87,6 +87,18 @@ class Modes(eqx.Module):
         return jnp.concatenate([initial[None], later])
 
 
+@without_idle_derivatives
+def _driven(
+    inputs: Float[Array, "interval power input"],
+    weights: Float[Array, "power mode"],
+    input_matrix: Float[Array, "mode input"],
+) -> Float[Array, "interval mode"]:
+    """What the inputs add to each mode in each interval."""
+    # the weights are applied to the few inputs first, so that no array over modes and powers arises per interval
+    return jnp.einsum("njq,jmq->nm", inputs, weights[:, :, None] * input_matrix)
+
+
+@without_idle_derivatives
 def modal_decomposition(wall: Cells, diffusivity: Array) -> Modes:
     """The modes of a linear wall.
 
@@ -120,9 +132,19 @@ def simulate_linear_wall(
         initial: state at the first row, degC.
     """
     system = modal_decomposition(wall, diffusivity)
-    m = system.integrate(system.to_modes @ initial, wall.inputs, system.input_matrix, forcing.step)
+    m, m_rate = _modes_and_rates(system, system.to_modes @ initial, wall.inputs, forcing.step)
     q, q_rate = inputs_at_rows(wall.inputs, forcing.step)
     C = wall.state_to_readings @ system.to_nodes
     value = m @ C.T + q[:, :2] @ wall.faces_to_readings.T
-    rate = (m * system.poles + q @ system.input_matrix.T) @ C.T + q_rate[:, :2] @ wall.faces_to_readings.T
+    rate = m_rate @ C.T + q_rate[:, :2] @ wall.faces_to_readings.T
     return value, rate
+
+
+@without_idle_derivatives
+def _modes_and_rates(
+    system: Modes, initial: Float[Array, " mode"], inputs: Float[Array, "interval power input"], step: Array
+) -> tuple[Float[Array, "time mode"], Float[Array, "time mode"]]:
+    """The modes at each row and their rates, per s."""
+    m = system.integrate(initial, inputs, system.input_matrix, step)
+    q, _ = inputs_at_rows(inputs, step)
+    return m, m * system.poles + q @ system.input_matrix.T
