@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import scipy
-from jaxtyping import Array
 
 from ..inference.likelihood import LOG_DIFFUSIVITY
 from ..inference.noise_covariance import NoiseCovariance
@@ -17,13 +15,11 @@ from ..inference.parameters import Parameters
 from ..inference.physical_bounds import limited_log_std
 from ..inference.quantity import Quantity, lognormal
 from ..inference.whittle_likelihood import projected_sensitivity
-from .model_with_effects import linearise
+from .least_squares import LeastSquares, levenberg_marquardt
 from .problem import DiagnosisProblem, EffectParameters
 
 _MAX_INITIAL_STEP = 1.5  # of ln(alpha)
 _BOUND_TOLERANCE = 1e-6  # distance from a bound over the scale of the parameter
-_COST_TOLERANCE = 2.5e-3  # predicted drop of -2 log L at which the fit has converged: 0.05 standard errors
-_MAX_STEPS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +194,7 @@ def refit(
     if step is not None:
         shift = np.clip(step[LOG_DIFFUSIVITY], -_MAX_INITIAL_STEP, _MAX_INITIAL_STEP)
         ahead += [shift if name == LOG_DIFFUSIVITY else step.get(name, 0.0) for name in initial.estimated_names]
-    least_squares = _LeastSquares(problem, active, initial, whiten)
+    least_squares = LeastSquares(problem, active, initial, whiten)
     estimate, at, converged = levenberg_marquardt(least_squares, ahead)
     if not at.is_finite:  # the model is not finite at the first step
         estimate, at, converged = levenberg_marquardt(least_squares, initial.flatten())
@@ -212,91 +208,9 @@ def linearised_at(
 ) -> EffectFit:
     """The model with these effects at given parameters, without a fit."""
     given = parameters.estimating(problem.estimated_names(active))
-    at = _LeastSquares(problem, active, given, noise.whitening).at(given.flatten())
+    at = LeastSquares(problem, active, given, noise.whitening).at(given.flatten())
     cost = float(at.residual @ at.residual)
     return EffectFit(problem, active, given, cost, False, noise, at.jacobian, at.residual, at.predicted)
-
-
-class _Linearisation(NamedTuple):
-    """Residual, Jacobian and prediction at some parameters; see `EffectFit`."""
-
-    residual: np.ndarray
-    jacobian: np.ndarray
-    predicted: np.ndarray
-
-    @property
-    def is_finite(self) -> bool:
-        """Whether the model is finite at these parameters."""
-        return bool(np.isfinite(self.residual).all() and np.isfinite(self.jacobian).all())
-
-
-@dataclass(frozen=True, eq=False)
-class _LeastSquares:
-    """Minimise `|W (measured - model(x))|^2 + |x / prior_std|^2` over the vector x of the estimated parameters."""
-
-    problem: DiagnosisProblem
-    active: tuple[EffectParameters, ...]
-    initial: Parameters
-    whiten: np.ndarray
-
-    def estimated(self, values: Array) -> np.ndarray:
-        """Those of the estimated parameters."""
-        return np.asarray(values)[np.asarray(self.initial.estimated)]
-
-    def at(self, x: np.ndarray) -> _Linearisation:
-        """The residual, measured minus model, and the Jacobian of the model, with the rows of the priors below."""
-        problem, parameters = self.problem, self.initial.unflatten(x)
-        names, linear = parameters.estimated_names, problem.is_linear(self.active)
-        predicted, slope = linearise(problem.model, problem.bins, parameters, names, linear=linear)
-        weight = 1.0 / self.estimated(parameters.prior_std)  # 0 where there is no prior
-        whitened = self.whiten @ problem.binned(problem.readings - predicted)
-        return _Linearisation(
-            np.concatenate([whitened, -weight * x]),
-            np.concatenate([self.whiten @ slope.T, np.diag(weight)]),
-            predicted,
-        )
-
-
-def levenberg_marquardt(least_squares: _LeastSquares, x: np.ndarray) -> tuple[np.ndarray, _Linearisation, bool]:
-    """Bounded least squares by the Levenberg-Marquardt method, scaled by the column norms of the Jacobian.
-
-    The loop is outside the compiled model, so that all sets of effects share one compilation. It holds bounds
-    exactly, which optimistix does not: a parameter at a bound stays there while the gradient points outwards.
-    It converges where the predicted drop of the cost is below `_COST_TOLERANCE`, and stops at once where the model
-    is not finite.
-
-    Returns:
-        The estimated parameters, residual and Jacobian there, and whether it converged.
-
-    Source: J. J. More, Lect. Notes Math. 630 (1978), 105.
-    """
-    low, high = (least_squares.estimated(limit) for limit in (least_squares.initial.lower, least_squares.initial.upper))
-    x, damping = np.clip(x, low, high), 1e-6
-    current = least_squares.at(x)
-    if not current.is_finite:
-        return x, current, False
-    for _ in range(_MAX_STEPS):
-        residual, jacobian = current.residual, current.jacobian
-        gradient = jacobian.T @ residual
-        moving = ~(((x <= low) & (gradient < 0)) | ((x >= high) & (gradient > 0)))
-        J = jacobian[:, moving]
-        scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
-        J = J / scale
-        damped = np.concatenate([J, np.sqrt(damping) * np.eye(J.shape[1])])
-        step = np.linalg.lstsq(damped, np.concatenate([residual, np.zeros(J.shape[1])]), rcond=None)[0]
-        predicted_drop = float(residual @ residual - np.sum((residual - J @ step) ** 2))
-        if predicted_drop < _COST_TOLERANCE:
-            return x, current, True
-        trial = x.copy()
-        trial[moving] += step / scale
-        trial = np.clip(trial, low, high)
-        new = least_squares.at(trial)
-        if new.is_finite and new.residual @ new.residual < residual @ residual:
-            x, current = trial, new
-            damping = max(damping / 10.0, 1e-9)
-        else:
-            damping = max(10.0 * damping, 1e-3)
-    return x, current, False
 
 
 def whitening_block(noise: NoiseCovariance, chosen: np.ndarray) -> np.ndarray:
