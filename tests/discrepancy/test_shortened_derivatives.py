@@ -7,13 +7,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from studies import SPEC, prepare, slot_of
 
 from wallid.discrepancy.forward import instrument_readings, linear_wall
 from wallid.discrepancy.forward.phi_derivatives import phi_functions_by_identity
 from wallid.discrepancy.forward.unchanged_arguments import without_idle_derivatives
+from wallid.discrepancy.least_squares import LeastSquares
 from wallid.discrepancy.model_with_effects import linearise
+from wallid.discrepancy.problem import diagnosis_problem
 from wallid.models.exponential_solver import phi_functions
 
 HIGHEST = 4
@@ -79,3 +81,29 @@ def test_the_derivatives_of_a_wall_are_those_of_its_plain_functions(study, monke
     scale = np.abs(means).max(axis=1, keepdims=True)
     assert np.all(scale > 0)
     assert_allclose(np.concatenate([slope for _, slope in got]) / scale, means / scale, rtol=0, atol=1e-10)
+
+
+def test_a_trial_with_a_lower_cost_is_linearised_and_no_other(study):
+    noise = study.noise_shape(study.parameters).stated_covariance()
+    least_squares = LeastSquares(study, (), study.parameters, noise.whitening)
+    x = study.parameters.flatten()
+    here = least_squares.at(x)
+    cost = here.residual @ here.residual
+    assert least_squares.better(x, cost) is None
+    again = least_squares.better(x, 1.001 * cost)
+    for got, right in zip(again, here, strict=True):
+        assert_array_equal(got, right)
+    assert least_squares.better(np.full_like(x, np.nan), np.inf) is None
+
+
+def test_a_record_and_the_same_with_the_columns_that_were_not_logged_share_one_compilation(study):
+    def compiled_for(problem):
+        arguments = problem.model, problem.bins, problem.parameters
+        return jax.tree.structure(arguments), [leaf.shape for leaf in jax.tree.leaves(arguments)]
+
+    record = study.case.record
+    few = {key: values for key, values in record.regressors.items() if key == "heating"}
+    fewer = diagnosis_problem(replace(study.case, record=replace(record, regressors=few)))
+    assert compiled_for(fewer) == compiled_for(study)
+    kinds, fewer_kinds = ({slot.effect.name for slot in problem.library} for problem in (study, fewer))
+    assert kinds - fewer_kinds == {"solar_gain", "lateral_loss"}

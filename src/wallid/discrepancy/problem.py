@@ -2,8 +2,8 @@
 
 The readings are those of the inner sensors and of the heat flux plates. The parameters are ln(alpha / prior), the
 nuisance parameters with their priors (amplitudes of the initial profile, position errors and offsets of the sensors;
-with plates the conductivity and their calibrations) and the parameters of every effect of the library. A model
-contains an effect where the parameters of the effect are estimated; otherwise they keep their neutral values.
+with plates the conductivity and their calibrations) and the parameters of every effect. A model contains an effect
+where the parameters of the effect are estimated; otherwise they keep their neutral values.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from ..models.flux_plates import (
 from ..models.state_space import require_x64
 from ..records.uniform_record import Record
 from .effects.base import AbstractEffect
-from .effects.catalogue import library
+from .effects.catalogue import library, unlogged
 from .effects.heat_sources import AIRS
 from .effects.search_range import SearchRange, search_range_of_record
 from .forward.time_stepping import MAX_SUBSTEP
@@ -84,9 +84,9 @@ class DiagnosisProblem:
         case: the case.
         record: the rows used.
         readings: of the inner sensors, degC, then of the plates, W/m2, `(time, instrument)`; NaN where missing.
-        model: the wall with all effects of the library.
+        model: the wall with these effects, and with those of columns that were not logged.
         bins, spacing: the readings, averaged over bins of rows, as from `bin_readings`.
-        library: the effects with the names of their parameters.
+        library: the effects that the record can be tested for, with the names of their parameters.
         parameters: of the plain model at the prior diffusivity, each effect with size 0 at the first point of its
             grid. The plain model estimates those of the mask.
         search_range: ranges of the positions, times and temperatures of effects.
@@ -155,11 +155,16 @@ class DiagnosisProblem:
         Args:
             values: at the rows, `(time, instrument)`.
         """
-        present = np.asarray(self.bins.present) > 0
+        present, counts = self._present_and_counts
         short = -len(values) % self.bins.rows_per_bin
         padded = np.pad(np.where(present, values, 0.0), ((0, short), (0, 0)))
         total = padded.reshape(-1, self.bins.rows_per_bin, self.instrument_count).sum(axis=1)
-        return (total / np.maximum(np.asarray(self.bins.counts()), 1.0)).T.reshape(-1)
+        return (total / counts).T.reshape(-1)
+
+    @cached_property
+    def _present_and_counts(self) -> tuple[np.ndarray, np.ndarray]:
+        """Which readings are present, `(time, instrument)`, and their number in each bin, at least 1."""
+        return np.asarray(self.bins.present) > 0, np.maximum(np.asarray(self.bins.counts()), 1.0)
 
     def replaced_errors(self, active: tuple[EffectParameters, ...]) -> dict[str, EffectParameters]:
         """The names of the errors with a prior that an effect replaces without one, each with the effect."""
@@ -262,7 +267,9 @@ def diagnosis_problem(case: Case) -> DiagnosisProblem:
     positions = tuple(sensor.position for sensor in case.sensors)
     plates = tuple(float(output.position) for output in plate_outputs(case))
     search_range = search_range_of_record(record, positions, case.wall.length, plates)
-    effects = library(len(case.sensors), record.regressors)
+    sensors, logged = len(case.sensors), set(record.regressors)
+    # those of columns that were not logged are in the model too: one compilation serves the record with them as well
+    effects = library(sensors, logged | set(unlogged(sensors, logged)))
     model = ModelWithEffects(
         forcing=forcing_of_window(case, window),
         effects=effects,
@@ -273,8 +280,9 @@ def diagnosis_problem(case: Case) -> DiagnosisProblem:
     )
     bins, spacing = bin_readings(present, np.where(present, readings, 0.0))
     entries = tuple(EffectParameters(effect, effect.parameter_names(model.sensors)) for effect in effects)
+    testable = tuple(one for one in entries if logged.issuperset(one.effect.required_regressors()))
     parameters = _parameters(case, window, search_range, entries)
-    return DiagnosisProblem(case, record, readings, model, bins, spacing, entries, parameters, search_range)
+    return DiagnosisProblem(case, record, readings, model, bins, spacing, testable, parameters, search_range)
 
 
 def _readings(case: Case, record: Record) -> np.ndarray:
