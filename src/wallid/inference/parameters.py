@@ -138,7 +138,8 @@ class Parameters(eqx.Module):
 
     def indices(self, names: Iterable[str]) -> np.ndarray:
         """The indices of some names in the arrays."""
-        return np.array([self.index(name) for name in names], int)
+        known = {name: k for k, name in enumerate(self.names)}  # a method of a module takes 0.1 ms to call
+        return np.array([known[name] if name in known else self.index(name) for name in names], int)
 
     def of_kind(self, *kinds: str) -> tuple[str, ...]:
         """The names of some kinds, in the order of the arrays."""
