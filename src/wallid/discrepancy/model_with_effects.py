@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._internal.arrays import on_device
+from .._internal.xla_options import filter_jit_shortly
 from ..inference.likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, PLATE_GAIN, PROFILE_MODE
 from ..inference.noise_covariance import BinnedReadings
 from ..inference.nuisance_kinds import CommonNoise, FacePositions, SensorOffsets, SensorPositions
@@ -147,12 +148,12 @@ def first_order_columns(
     return np.concatenate(columns)[: len(candidates)]
 
 
-@eqx.filter_jit
+@filter_jit_shortly
 def _base_solution(model: ModelWithEffects, parameters: Parameters) -> BaseSolution:
     return model.base_solution(parameters)
 
 
-@eqx.filter_jit
+@filter_jit_shortly
 def _first_order(
     model: ModelWithEffects,
     bins: BinnedReadings,
@@ -172,7 +173,7 @@ def _first_order(
     return jax.lax.map(column, (values, directions))
 
 
-@eqx.filter_jit
+@filter_jit_shortly
 def predict(model: ModelWithEffects, parameters: Parameters, linear: bool) -> Float[Array, "time instrument"]:
     """The readings of the sensors, degC, and plates, W/m2; `linear` leaves out the nonlinear effects."""
     return model.predict(parameters, linear=linear)
@@ -205,7 +206,7 @@ def face_change_response(
     return np.concatenate(responses)[: len(changes)]
 
 
-@eqx.filter_jit
+@filter_jit_shortly
 def _responses(
     model: ModelWithEffects, parameters: Parameters, changes: Float[Array, "change interval power face"]
 ) -> Float[Array, "change time instrument"]:
@@ -282,7 +283,7 @@ def _function_of_values(
     return lambda values: model.predict(parameters.with_values(values), linear=linear)
 
 
-@eqx.filter_jit
+@filter_jit_shortly
 def _linearise(
     model: ModelWithEffects, bins: BinnedReadings, parameters: Parameters, directions: Float[Array, "direction param"]
 ) -> tuple[Float[Array, "time instrument"], Float[Array, "direction reading"]]:
@@ -296,7 +297,7 @@ def _linearise(
     return value, jax.lax.map(slope, directions)
 
 
-@eqx.filter_jit
+@filter_jit_shortly
 def _linearise_nonlinear(
     model: ModelWithEffects, bins: BinnedReadings, parameters: Parameters, directions: Float[Array, "direction param"]
 ) -> tuple[Float[Array, "time instrument"], Float[Array, "direction reading"]]:
