@@ -27,8 +27,8 @@ def printed(notebook):
     )
 
 
-def test_there_are_nine():
-    assert [path.stem[:2] for path in NOTEBOOKS] == [f"0{k}" for k in range(9)]
+def test_there_are_ten():
+    assert [path.stem[:2] for path in NOTEBOOKS] == [f"0{k}" for k in range(10)]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -46,18 +46,20 @@ def rubble(rng: np.random.Generator) -> tuple:
     )  # fmt: skip
 
 
-def simulated(regions: tuple, factor: float, heights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """The readings of the faces and sensors at the rows, degC, `(time, 5)`."""
+def simulated(regions: tuple, factor: float, heights: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+    """The readings of the faces and sensors at the rows, degC, `(time, 5)`, and the equivalent wall's diffusivity."""
     rectangles = [
         Rectangle(one.x, one.y, factor * MATERIALS[one.material][0], MATERIALS[one.material][1]) for one in regions
     ]
     faces = weather(round((DAYS + BEFORE) * 86400.0 / FINE), FINE, rng, hours=(8.0, 2.0))
     points = np.stack([np.array(PLACES) + POSITION_STD * rng.standard_normal(3), heights], axis=1)
     stride = round(STEP / FINE)
-    inside = ElementSection(LENGTH, HEIGHT, rectangles, ELEMENT).temperatures(faces, FINE, points, stride)
+    wall = ElementSection(LENGTH, HEIGHT, rectangles, ELEMENT)
+    inside = wall.temperatures(faces, FINE, points, stride)
     rows = slice(round(BEFORE * 86400.0 / STEP), None)
     readings = np.concatenate([faces[::stride][: len(inside)], inside], axis=1)[rows]
-    return readings + np.array([FACE_STD] * 2 + [SENSOR_STD] * 3) * rng.standard_normal(readings.shape)
+    noise = np.array([FACE_STD] * 2 + [SENSOR_STD] * 3) * rng.standard_normal(readings.shape)
+    return readings + noise, wall.diffusivity
 
 
 def estimated(number: int) -> dict[str, Any]:
@@ -67,13 +69,11 @@ def estimated(number: int) -> dict[str, Any]:
     jax.config.update("jax_enable_x64", True)
     import wallid
     from wallid.case.section import SectionMaterial, section_of_regions
-    from wallid.models.section.section_state_space import section_modes
 
     rng = np.random.default_rng([SEED, number])
     regions, factor, heights = rubble(rng), float(np.exp(0.3 * rng.standard_normal())), rng.uniform(0.0, HEIGHT, 3)
-    readings = simulated(regions, factor, heights, rng)
+    readings, truth = simulated(regions, factor, heights, rng)
     section = section_of_regions(LENGTH, HEIGHT, [SectionMaterial(k, *v) for k, v in MATERIALS.items()], regions)
-    truth = factor * section_modes(section).equivalent.diffusivity
     frame = pd.DataFrame(readings, columns=["left", "right", "T1", "T2", "T3"])
     frame.insert(0, "time", STEP * np.arange(len(frame)))
     outcome: dict[str, Any] = {"number": number, "factor": factor, "sensors": []}

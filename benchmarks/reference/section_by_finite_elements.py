@@ -44,6 +44,7 @@ class ElementSection:
             joints = np.unique(np.round(np.clip([0.0, end, *ends], 0.0, end), 9))
             parts = [np.linspace(a, b, max(1, int(np.ceil((b - a) / size))) + 1)[:-1] for a, b in pairwise(joints)]
             lines.append(np.append(np.concatenate(parts), end))
+        self.length = length
         self.basis = Basis(MeshQuad.init_tensor(*lines), ElementQuad2())
 
         def values(x: np.ndarray, name: str) -> np.ndarray:
@@ -76,6 +77,14 @@ class ElementSection:
         """The free nodes' temperatures between constant faces, degC."""
         free = self.K[self.free][:, self.free]
         return scipy.sparse.linalg.spsolve(free, -self._held(self.K) @ faces)
+
+    @property
+    def diffusivity(self) -> float:
+        """Of the homogeneous wall with the same steady heat flow and heat capacity, m2/s."""
+        full = np.zeros(self.K.shape[0])
+        full[self.faces[0]], full[self.free] = 1.0, self.steady(np.array([1.0, 0.0]))
+        flow = full @ (self.K @ full)  # the dissipation is the heat flow times the difference of temperatures, 1 K
+        return float(flow * self.length**2 / (np.ones_like(full) @ (self.M @ np.ones_like(full))))
 
     def temperatures(self, faces: np.ndarray, step: float, points: np.ndarray, stride: int = 1) -> np.ndarray:
         """Temperatures at some points from a steady state on, every `stride` steps, degC, `(time, point)`.

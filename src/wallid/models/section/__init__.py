@@ -1,7 +1,33 @@
-"""The full-order model of a section in two dimensions."""
+"""A section in two dimensions: its mesh, its full-order model, its steady state, its reduced models."""
 
 from .affine_model import AffineModel
 from .full_order_section import SectionModel, SectionPoint, full_order_section
+from .material_range import MaterialRange
+from .reduced_section import ReducedSection, reduce_section
+from .section_response import section_response
+from .section_solution import SectionSolution, solve_section
+from .section_state_space import SectionModes, section_modes
+from .steady_section import EquivalentWall, SteadySection, equivalent_wall, heat_flux, steady_section
 from .tensor_mesh import TensorMesh, section_mesh
 
-__all__ = ["AffineModel", "SectionModel", "SectionPoint", "TensorMesh", "full_order_section", "section_mesh"]
+__all__ = [
+    "AffineModel",
+    "EquivalentWall",
+    "MaterialRange",
+    "ReducedSection",
+    "SectionModel",
+    "SectionModes",
+    "SectionPoint",
+    "SectionSolution",
+    "SteadySection",
+    "TensorMesh",
+    "equivalent_wall",
+    "full_order_section",
+    "heat_flux",
+    "reduce_section",
+    "section_mesh",
+    "section_modes",
+    "section_response",
+    "solve_section",
+    "steady_section",
+]
