@@ -11,6 +11,7 @@ from wallid.case.section import Region, SectionMaterial, coursed_rubble, section
 from wallid.models.finite_volume_wall import HeatProfile, Output, finite_volume_model
 from wallid.models.section import SectionPoint, full_order_section, section_mesh
 from wallid.models.section.material_range import MaterialRange
+from wallid.models.section.material_sensitivity import material_sensitivity
 from wallid.models.section.reduced_section import reduce_section
 from wallid.models.section.section_response import section_response
 from wallid.models.section.section_state_space import section_modes
@@ -68,6 +69,48 @@ def test_a_reduced_model_is_symmetric_stable_and_keeps_a_constant(reduced):
         assert np.linalg.eigvalsh(K).max() < 0.0 < np.linalg.eigvalsh(E).min()
         steady = np.linalg.solve(-K, B @ np.ones(2))
         assert reduced.model.C @ steady + reduced.model.D @ np.ones(2) == pytest.approx(1.0, abs=1e-10)
+
+
+@pytest.mark.parametrize("profile", [None, (9.0, 4.0, -2.0)], ids=["steady start", "given profile"])
+def test_the_explicit_sensitivities_are_those_of_finite_differences(reduced, profile):
+    materials, faces = reduced.materials, weather(24 * 4, 8)
+    point = materials.points(3, 9)[-1]
+
+    def response(z):
+        return section_response(reduced.model, *materials.at(z), faces, 3600.0, profile=profile, tolerance=1e-12)
+
+    outputs, theta = material_sensitivity(reduced.model, *materials.at(point), faces, 3600.0, profile=profile)
+    assert outputs == pytest.approx(response(point), abs=1e-8)
+    assert theta.shape == (*outputs.shape[:1], 4, 3)
+    for k in range(4):
+        step = np.eye(4)[k] * 1e-3
+        difference = (response(point + step) - response(point - step)) / (2e-3 * 0.3)
+        assert theta[:, k] == pytest.approx(difference, abs=2e-5 * np.abs(difference).max())
+
+
+def test_modes_of_one_rate_have_a_sensitivity():
+    """A square between equal faces has pairs of modes with the same rate."""
+    section = section_of_regions(0.2, 0.2, [STONE], [Region("stone", (0, 0.2), (0, 0.2))], step=0.02)
+    full = full_order_section(section, [SectionPoint(0.05, 0.03)]).model
+    dense = full.projected(np.eye(full.order))
+    faces = weather(24, 3)
+    k, c = np.array([1.5]), np.array([2e6])
+    outputs, theta = material_sensitivity(dense, k, c, faces, 3600.0, profile=(10.0, 2.0, 0.0))
+    assert np.isfinite(theta).all()
+    low, high = (
+        section_response(dense, k * np.exp(h), c, faces, 3600.0, profile=(10.0, 2.0, 0.0), tolerance=1e-12)
+        for h in (-1e-4, 1e-4)
+    )
+    assert theta[:, 0] == pytest.approx((high - low) / 2e-4, abs=1e-6)
+    # only the ratio of conductivity and capacity counts
+    assert theta[:, 1] == pytest.approx(-theta[:, 0], abs=1e-9)
+    assert outputs.shape == (24, 1)
+
+
+def test_the_full_order_model_is_not_taken(rubble):
+    _, full = rubble
+    with pytest.raises(ValueError, match="reduced model"):
+        material_sensitivity(full.model, np.ones(2), np.ones(2), np.zeros((3, 2)), 60.0)
 
 
 def test_the_order_follows_from_the_tolerance(rubble):

@@ -3,6 +3,7 @@
 from .affine_model import AffineModel
 from .full_order_section import SectionModel, SectionPoint, full_order_section
 from .material_range import MaterialRange
+from .material_sensitivity import material_sensitivity
 from .reduced_section import ReducedSection, reduce_section
 from .section_response import section_response
 from .section_solution import SectionSolution, solve_section
@@ -24,6 +25,7 @@ __all__ = [
     "equivalent_wall",
     "full_order_section",
     "heat_flux",
+    "material_sensitivity",
     "reduce_section",
     "section_mesh",
     "section_modes",
