@@ -112,7 +112,11 @@ def test_a_section_without_a_record_is_solved(command, tmp_path):
 
 @pytest.mark.parametrize(
     ("words", "message"),
-    [(("--left", 20), "belong together"), (("--at", 3600), "has no [record]")],
+    [
+        (("--left", 20), "belong together"),
+        (("--at", 3600), "has no [record]"),
+        (("--left", "nan", "--right", 0), "--left = nan"),
+    ],
 )
 def test_what_a_section_needs_is_said(command, tmp_path, words, message):
     (tmp_path / "case.toml").write_text(CASE)
@@ -120,7 +124,7 @@ def test_what_a_section_needs_is_said(command, tmp_path, words, message):
     assert ended.exit_code == 2 and message in ended.stderr and not (tmp_path / "out").exists()
 
 
-def test_a_case_without_a_section_is_told_so(command):
+def test_a_case_without_a_section_is_refused(command):
     ended = command("section", "validation")
     assert ended.exit_code == 2 and "has no [section]" in ended.stderr
 
@@ -130,11 +134,30 @@ def test_an_edge_at_a_faces_temperature_has_no_equivalent_wall(command, tmp_path
     ended = command("section", tmp_path, "--json")
     result = json.loads(ended.stdout)["section"]
     assert ended.exit_code == 0 and result["conductivity"] is None and result["order"] > 0
+    steady = json.loads(command("section", tmp_path, "--left", 20, "--right", 0, "--json").stdout)["section"]["steady"]
+    assert steady["heat_flow"] is None  # at the corner of two temperatures it has no limit
 
 
 def test_the_temperatures_at_a_time_are_drawn(command, measured_case, tmp_path):
     ended = command("section", measured_case, "--at", 2 * 86400)
     assert ended.exit_code == 0 and (tmp_path / "out" / "temperatures.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [('top = "right"', 'needs bottom = "adiabatic"'), ("surface_resistance_left = 0.1", "must be 0")],
+)
+def test_a_check_says_what_an_estimate_would_refuse(command, measured_case, tmp_path, key, message):
+    (tmp_path / "record.csv").write_text((measured_case / "record.csv").read_text())
+    (tmp_path / "case.toml").write_text((CASE + RECORD).replace("height = 0.2\n", f"height = 0.2\n{key}\n", 1))
+    checked, estimated = command("check", tmp_path), command("estimate", tmp_path)
+    assert checked.exit_code == 1 and message in checked.output
+    assert estimated.exit_code == 2 and "[section]" in estimated.stderr
+
+
+def test_a_time_outside_the_record_is_refused(command, measured_case):
+    ended = command("section", measured_case, "--at", 6 * 86400)
+    assert ended.exit_code == 2 and "it must lie between" in ended.stderr
 
 
 def test_the_common_factor_is_estimated_through_the_section(command, measured_case):

@@ -228,7 +228,7 @@ def test_a_diffusivity_that_changes_in_the_window_is_not_relied_on(later):
 
 def test_a_steady_diffusivity_is_called_unsteady_as_often_as_chance_says(monkeypatch):
     seen = []
-    monkeypatch.setattr(conclude, "why_not_constant", lambda fit: seen.append(fit.constancy_p_value) or "")
+    monkeypatch.setattr(conclude, "why_not_constant", lambda case, fit: seen.append(fit.constancy_p_value) or "")
     for kind in ("propagated", "correlated"):
         interval.many(kind, range(600, 630))
     assert len(seen) == 60

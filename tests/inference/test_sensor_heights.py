@@ -1,7 +1,5 @@
 """Sensors of unknown height in a section: the spread that an estimate counts, and where a sensor is found."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 from benchmarks.reference.analytic_slab import weather
@@ -9,8 +7,8 @@ from benchmarks.reference.section_by_finite_elements import ElementSection, Rect
 
 import wallid
 from wallid.case.section import Region, SectionMaterial, section_of_regions
-from wallid.inference.sensor_heights import candidate_heights, principal_components
-from wallid.inference.sensor_places import _posterior_of_sets
+from wallid.inference.sensor_heights import Deviations, candidate_heights, principal_components
+from wallid.inference.sensor_places import place_of_likelihoods
 from wallid.models.section.section_state_space import section_modes
 
 MATERIALS = {"stone": (1.7, 2.1e6), "mortar": (0.4, 1.5e6)}
@@ -77,7 +75,7 @@ def test_what_is_not_known_widens_the_interval(fits):
     assert fits["unknown"].variance_shares["heights"] > 0.2 and "heights" not in fits["known"].variance_shares
 
 
-def test_stone_and_mortar_are_told(fits):
+def test_a_sensor_is_placed_in_stone_or_in_mortar(fits):
     places = fits["unknown"].sensor_places
     assert places["T1"].material == "stone" and places["T2"].material == "mortar"
     for place in places.values():
@@ -92,38 +90,66 @@ def test_a_stated_height_weighs(records):
     heights, weights = candidate_heights(case, case.sensors[0])
     assert weights @ heights == pytest.approx(HEIGHTS[0], abs=1e-3)
     assert weights @ (heights - HEIGHTS[0]) ** 2 == pytest.approx(0.01**2, rel=0.1)
-    _, even = candidate_heights(records["unknown"], records["unknown"].sensors[0])
-    assert even == pytest.approx(1.0 / len(even))
+    all_heights, lengths = candidate_heights(records["unknown"], records["unknown"].sensors[1])
+    in_mortar = (all_heights > 0.1) & (all_heights < 0.14) | (all_heights > 0.14)
+    assert lengths.sum() == pytest.approx(1.0) and lengths[in_mortar].sum() == pytest.approx(0.14 / 0.24)
 
 
 def test_principal_components_have_the_covariance_of_the_deviations():
     rng = np.random.default_rng(0)
-    deviations, weights = rng.normal(size=(40, 3)), rng.uniform(0.5, 1.0, 40)
+    deviations, weights = Deviations(rng.normal(size=(40, 3)), rng.normal(size=(40, 3))), rng.uniform(0.5, 1.0, 40)
     weights /= weights.sum()
-    mean, components = principal_components(deviations, weights)
-    assert mean == pytest.approx(weights @ deviations)
-    centred = deviations - mean
-    assert components.T @ components == pytest.approx(centred.T @ (weights[:, None] * centred))
+    found = principal_components(deviations, weights)
+    assert found.mean == pytest.approx(weights @ deviations.readings)
+    centred = deviations.readings - found.mean
+    assert found.components.T @ found.components == pytest.approx(centred.T @ (weights[:, None] * centred))
+    # the slopes are the same combinations of the heights
+    linear = Deviations(deviations.readings, 2.0 * deviations.readings)
+    assert principal_components(linear, weights).component_slopes == pytest.approx(2.0 * found.components)
 
 
-def test_the_probability_of_sets_is_that_of_each_set_by_itself():
-    rng = np.random.default_rng(1)
-    base, moves = rng.normal(size=6), [rng.normal(size=(4, 6)), rng.normal(size=(3, 6))]
-    log_weights = [np.log(np.full(4, 0.25)), np.log(np.array([0.2, 0.3, 0.5]))]
-    table = np.zeros((4, 3))
-    for i, j in product(range(4), range(3)):
-        residual = base - moves[0][i] - moves[1][j]
-        table[i, j] = np.exp(-0.5 * residual @ residual + log_weights[0][i] + log_weights[1][j])
-    table /= table.sum()
-    found = _posterior_of_sets(base, moves, log_weights)
-    assert found[0] == pytest.approx(table.sum(axis=1)) and found[1] == pytest.approx(table.sum(axis=0))
+def test_few_heights_have_components_of_zero():
+    found = principal_components(Deviations(np.array([[1.0, 2.0]]), np.array([[0.0, 0.0]])), np.ones(1))
+    assert found.components.shape == (3, 2) and not found.components.any()
 
 
-def test_many_sensors_are_combined_at_their_most_probable_heights():
-    rng = np.random.default_rng(2)
-    base = rng.normal(size=50)
-    moves = [rng.normal(size=(64, 50)) for _ in range(5)]
-    truth = [3, 60, 20, 41, 8]
-    base = base * 0.1 + sum(move[k] for move, k in zip(moves, truth, strict=True))
-    found = _posterior_of_sets(base, moves, [np.full(64, -np.log(64))] * 5)
-    assert [int(np.argmax(one)) for one in found] == truth
+def test_the_place_is_that_of_the_likelihoods():
+    heights, weights = np.arange(4.0), np.array([0.1, 0.2, 0.3, 0.4])
+    log_likelihood = np.log([1.0, 2.0, 3.0, 4.0])
+    names = ["stone", "mortar", "stone", "mortar"]
+    place = place_of_likelihoods(heights, weights, names, log_likelihood, ["stone", "mortar", "brick"])
+    assert place.probability == pytest.approx(np.array([0.1, 0.4, 0.9, 1.6]) / 3.0)
+    assert place.materials == pytest.approx({"stone": 1.0 / 3.0, "mortar": 2.0 / 3.0, "brick": 0.0})
+    assert place.deviance == pytest.approx(2.0 * np.log((2.0 / 0.6) / (1.0 / 0.4)))
+
+
+def test_a_decisive_place_has_a_finite_deviance_and_one_material_none():
+    decisive = place_of_likelihoods(np.arange(2.0), np.full(2, 0.5), ["a", "b"], np.array([0.0, -5000.0]), ["a", "b"])
+    assert decisive.deviance == pytest.approx(10_000.0) and decisive.materials == {"a": 1.0, "b": 0.0}
+    alone = place_of_likelihoods(np.arange(2.0), np.full(2, 0.5), ["a", "a"], np.zeros(2), ["a", "b"])
+    assert alone.deviance is None and alone.material == "a"
+
+
+def test_the_prediction_is_at_the_probable_height(records, fits):
+    """The mean over the heights would miss the readings by far more than their noise."""
+    found = wallid.predict(records["unknown"], fits["unknown"])
+    rms = np.sqrt(np.nanmean((found.measured - found.predicted)[48:] ** 2, axis=0))
+    assert (rms < 0.03).all()
+    assert (found.sigma[48:] >= 0.02).all()
+
+
+def test_windows_of_one_height_are_not_averaged(records):
+    with pytest.raises(wallid.InputError, match="the same in all windows"):
+        wallid.campaign(records["unknown"])
+
+
+def test_sensors_at_one_distance_differ_by_their_heights(records):
+    case = records["unknown"]
+    twice = [wallid.Sensor(f"T{k + 1}", 0.09, noise_std=0.02) for k in range(2)]
+    frame = case.record.to_frame()
+    options = {"section": case.section, "wall": case.wall}
+    columns = {"left": frame.columns[0], "right": frame.columns[1]}
+    assert wallid.Case.from_dataframe(frame, sensors=twice, **columns, **options).sensors[1].position == 0.09
+    same = [wallid.Sensor(f"T{k + 1}", 0.09, noise_std=0.02, height=0.1) for k in range(2)]
+    with pytest.raises(wallid.InputError, match=r"position = 0\.09 m at height = 0\.1 m is that of"):
+        wallid.Case.from_dataframe(frame, sensors=same, **columns, **options)

@@ -103,7 +103,7 @@ class Case(ResultObject):
 
     def __post_init__(self) -> None:
         set_fields(self, sensors=tuple(self.sensors), learning=tuple(self.learning))
-        check_sensors(self.wall, self.sensors)
+        check_sensors(self.wall, self.sensors, self.section is not None)
         check_heights(self.section, self.sensors)
         self._check_section()
         names = tuple(sensor.name for sensor in self.sensors)
@@ -127,6 +127,14 @@ class Case(ResultObject):
         if abs(self.section.length - self.wall.length) > 1e-9 * self.wall.length:
             raise InputError(
                 f"the section is {self.section.length:g} m long; it must be the wall's {self.wall.length:g} m"
+            )
+        if self.wall.layers:
+            raise InputError("the wall has layers, and there is a section; the section says what is where")
+        low, high = self.section.conductivity_bounds
+        if self.wall.conductivity is not None and not 0.999 * low <= self.wall.conductivity <= 1.001 * high:
+            raise InputError(
+                f"[wall] conductivity = {self.wall.conductivity:g} W/m/K; with these materials it must lie between "
+                f"{low:.4g} and {high:.4g}; leave it out, the section says it"
             )
         if self.choices.free:
             raise InputError(
@@ -180,14 +188,15 @@ class Case(ResultObject):
         """
         if wall is None:
             values = {"length": length, "diffusivity_prior": diffusivity_prior}
-            wall = parse_wall({key: value for key, value in values.items() if value is not None})
+            prior = None if section is None else section.diffusivity_prior
+            wall = parse_wall({key: value for key, value in values.items() if value is not None}, prior)
         elif length is not None or diffusivity_prior is not None:
             raise InputError("wall is given; length and diffusivity_prior must then be left out")
         if isinstance(sensors, Mapping):
             sensors = parse_sensors(sensor_tables(sensors, noise_std))
         elif noise_std is not None:
             raise InputError("noise_std is for sensors given as {column: position}; each Sensor has its own")
-        check_sensors(wall, sensors)
+        check_sensors(wall, sensors, section is not None)
         known = (*RECORD_OPTIONS, *(one.name for one in fields(Choices)))
         for key in options:
             if key not in known:

@@ -83,7 +83,8 @@ def _parse_wall_section_sensors(
     section = parse_section(document["section"], document["wall"], folder) if "section" in document else None
     wall = parse_wall(document["wall"], None if section is None else section.diffusivity_prior)
     sensors = parse_sensors(document.get("sensor", []))
-    check_sensors(wall, sensors)  # before the record is read: it must have a column for each sensor
+    # before the record is read: it must have a column for each sensor
+    check_sensors(wall, sensors, section is not None)
     check_heights(section, sensors)
     return wall, section, sensors
 

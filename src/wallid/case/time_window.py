@@ -46,13 +46,14 @@ class HasBestWindow(Protocol):
         ...
 
 
-def row_at(record: Record, option: str, time: str | float | int) -> int:
-    """The first row at or after a time; the row after the last is allowed.
+def row_at(record: Record, option: str, time: str | float | int, *, beyond: int = 0) -> int:
+    """The first row at or after a time.
 
     Args:
         record: of the case.
         option: by which the time is stated, for messages.
         time: as in the record: ISO 8601, or s where it has seconds.
+        beyond: rows after the last that are allowed.
 
     Raises:
         InputError: a time that is not one, or outside the record.
@@ -68,8 +69,9 @@ def row_at(record: Record, option: str, time: str | float | int) -> int:
         except ValueError:
             raise InputError(f"{option} {time}: the record has seconds; state such as {record.stamp(0):g}") from None
     row = math.ceil(seconds / record.step - 1e-6)
-    if not 0 < row <= record.rows:
-        raise InputError(f"{option} {time}: it must lie between {record.stamp(1)} and {record.stamp(record.rows)}")
+    last = record.rows - 1 + beyond
+    if not 0 < row <= last:
+        raise InputError(f"{option} {time}: it must lie between {record.stamp(1)} and {record.stamp(last)}")
     return row
 
 

@@ -191,8 +191,13 @@ def sensor_label(count: int, name: object) -> str:
     return f'[[sensor]] {count} "{name}"' if isinstance(name, str) else f"[[sensor]] {count}"
 
 
-def check_sensors(wall: Wall, sensors: Sequence[Sensor]) -> None:
+def check_sensors(wall: Wall, sensors: Sequence[Sensor], in_section: bool = False) -> None:
     """Check that all sensors are inside the wall, and that their names and positions differ.
+
+    Args:
+        wall: the wall. sensors: inside it.
+        in_section: whether it has a section, in which sensors at one distance from the left face differ by their
+            heights.
 
     Raises:
         InputError: one of these is not so.
@@ -207,9 +212,9 @@ def check_sensors(wall: Wall, sensors: Sequence[Sensor]) -> None:
             for other, earlier in enumerate(sensors[: count - 1], start=1):
                 if sensor.name == earlier.name:
                     raise InputError(f"name is that of [[sensor]] {other}; names must differ")
-                if (
-                    position is not None
-                    and position == known_value(earlier.position)
-                    and sensor.height == earlier.height
-                ):
-                    raise InputError(f"position = {position!r} m is that of [[sensor]] {other}; positions must differ")
+                same_height = sensor.height == earlier.height and not (in_section and sensor.height is None)
+                if position is not None and position == known_value(earlier.position) and same_height:
+                    also = f" at height = {sensor.height:g} m" if sensor.height is not None else ""
+                    raise InputError(
+                        f"position = {position!r} m{also} is that of [[sensor]] {other}; positions must differ"
+                    )

@@ -19,7 +19,7 @@ from .. import workflow
 from .._internal.errors import InputError
 from .._internal.number_formats import terminal_text
 from .._internal.progress import part_of
-from .._internal.validation import error_context
+from .._internal.validation import error_context, number
 from .._internal.xla_options import prepare_xla
 from ..case.case_definition import Case
 from ..case.case_file import load, load_campaign, load_section
@@ -199,16 +199,22 @@ def run_section(
         figure_formats = report.parse_formats(formats)
         if (left is None) != (right is None):
             raise InputError("--left and --right belong together: a steady state needs both temperatures")
+        for option, value in (("--left", left), ("--right", right)):
+            if value is not None:
+                number(option, value, "degC")
         with progress_display(quiet or json) as display:
             display.step("reading the case", 0.0)
             _configure_process()
             section = load_section(name)
+            temperatures = None
+            if at is not None:
+                with error_context("--at"):
+                    case = load(name)
+                temperatures = temperatures_at(case, row_at(case.record, "--at", at))
             report.check_output_folder(out)
             began = clock.perf_counter()
             result = solve_section(section, left, right, progress=part_of(display.step, 0.05, 0.8))
-            if at is not None:
-                case = load(name)
-                result = replace(result, temperatures=temperatures_at(case, row_at(case.record, "--at", at)))
+            result = replace(result, temperatures=temperatures)
             cells = f"{result.cells} cells, reduced to order {result.order}"
             display.line(stage_line("section", cells, clock.perf_counter() - began))
             written = _written(display, partial(report.write_page, section_page(result), out, formats=figure_formats))
@@ -248,7 +254,7 @@ def _print_summary(result: workflow.Run, name: str, written: list[Path]) -> None
     lines = _summary(result, written)
     missing = result.screening is not None and bool(result.screening.missing)
     advice = f"next         wallid diagnose {shlex.quote(name)}:"
-    if missing or "wallid diagnose" in result.unreliable_reason:
+    if result.case.section is None and (missing or "wallid diagnose" in result.unreliable_reason):
         lines.append(f"{advice} name the missing effect, and correct the diffusivity")
     elif result.fit is not None and _can_be_diagnosed(result) and not result.unreliable_reason:
         lines.append(f"{advice} search for effects that are missing from the model")

@@ -179,9 +179,11 @@ def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[
     bounds = float(best_fit.problem.lowest), float(best_fit.problem.highest)
     reason = why_unreliable(case, value, (ends[0], ends[1]), singular, bool(best.converged), bounds)
     if reason and noise_ratio(best_fit) > FAR_LARGER:  # the window is informative: its model is wrong
-        reason = why_noisier(best_fit)
+        reason = why_noisier(case, best_fit)
     reason = reason or why_too_coarse(shift, std_log) or why_weak_signal(case, best_fit)
-    reason = reason or why_contradicted(case, best_fit) or why_not_constant(best_fit) or why_noisier(best_fit)
+    reason = (
+        reason or why_contradicted(case, best_fit) or why_not_constant(case, best_fit) or why_noisier(case, best_fit)
+    )
     covariance = best_fit.covariance.copy()
     covariance[0, 0] += shift**2
     # the reasons above are about the ends as computed

@@ -70,7 +70,7 @@ def forecast(
     if case.choices.disturbance is None:
         case = replace(case, choices=replace(case.choices, disturbance="auto"))
     record = case.record
-    first = row_at(record, "--from", start)
+    first = row_at(record, "--from", start, beyond=1)
     begin = _first_row(record, first, days)
     rows = max(1, round(hours * 3600.0 / record.step))
     case, persistent = with_persistent_faces(case, begin, first, rows, faces)

@@ -25,6 +25,7 @@ from ..case.time_window import Window, window_rows
 from ..inference.gls_fit import GLSFit
 from ..inference.physical_bounds import clip_to_physical
 from ..inference.quantity import Quantity
+from ..inference.sensor_heights import has_uncertain_height
 from ..models.flux_plates import fluxes_of, full_order_model_with_plates
 from ..models.state_space import StateSpace
 from .diffusivity import estimate_by_gls
@@ -196,13 +197,19 @@ def campaign(
         the pooled diffusivity, the estimate of each window, and the test of agreement.
 
     Raises:
-        InputError: windows overlap, there are none, or the case has other free wall parameters.
+        InputError: windows overlap, there are none, the case has other free wall parameters, or sensors of unknown
+            height.
 
     Source: R. C. Paule, J. Mandel, J. Res. NBS 87 (1982), 377.
     """
     if case.choices.free:
         raise InputError(
             f"[choices] free = {list(case.choices.free)}: estimate without --all-windows, or with the diffusivity alone"
+        )
+    if any(has_uncertain_height(case, sensor) for sensor in case.sensors):
+        raise InputError(
+            "[[sensor]] height is not known: it is the same in all windows, which the average does not count; estimate "
+            "without --all-windows"
         )
     rows = window_rows(case, case.choices.window_days if window_days is None else window_days)
     windows = _consecutive_windows(case, rows) if windows is None else _sorted_windows(windows)

@@ -17,6 +17,7 @@ from .._internal.units import DAY
 from ..case.case_definition import Case
 from ..case.initial_profile import fit_profile, scales
 from ..case.time_window import entire_record
+from ..inference.sensor_heights import height_deviations
 from ..inference.weighted_least_squares import paper_sigma
 from ..models.error_measures import eps_2
 from ..models.finite_volume_wall import Output
@@ -198,6 +199,8 @@ def predict(case: Case, fit: Estimate, model: StateSpace | None = None) -> Predi
     data, scale = window_data(case, window), scales(case)
     alphas = np.array([case.wall.diffusivity_prior, fit.value])
     prior, predicted = scale.celsius(np.asarray(_simulate_each(model, on_device(scale.fourier_number(alphas)), data)))
+    at_heights = [_at_probable_heights(case, data, fit, alpha) for alpha in alphas]
+    prior, predicted = prior + at_heights[0][0], predicted + at_heights[1][0]
     offsets = np.array([fit.offsets.get(sensor.name, (0.0, 0.0))[0] for sensor in case.sensors])
     factors = np.array(_LOAD_FACTORS)
     gradients = full.select(list(range(sensors, 2 * sensors + 1)))
@@ -209,15 +212,31 @@ def predict(case: Case, fit: Estimate, model: StateSpace | None = None) -> Predi
         measured=np.asarray(case.record.sensors)[window.as_slice],
         predicted_with_prior=prior + offsets,
         predicted=predicted + offsets,
-        sigma=paper_sigma(
-            np.array([sensor.noise_std for sensor in case.sensors]),
-            slopes[_AT_ESTIMATE, :, :-1],
-            np.array([sensor.position_std for sensor in case.sensors]),
+        sigma=np.hypot(
+            paper_sigma(
+                np.array([sensor.noise_std for sensor in case.sensors]),
+                slopes[_AT_ESTIMATE, :, :-1],
+                np.array([sensor.position_std for sensor in case.sensors]),
+            ),
+            at_heights[1][1],
         ),
         profile_eps_2=fit_profile(case, window.row).eps_2,
         loads=_heat_loads(case, factors, slopes[:, :, -1]),
         record_start=case.record.start,
     )
+
+
+def _at_probable_heights(
+    case: Case, data: WindowData, fit: Estimate, diffusivity: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the sensors of unknown height read more than the model has for them: mean and standard deviation, K."""
+    mean, std = np.zeros((2, data.inputs.shape[0], len(case.sensors)))
+    for k, sensor in enumerate(case.sensors):
+        if (place := fit.sensor_places.get(sensor.name)) is not None:
+            deviations = height_deviations(case, data, diffusivity, sensor).readings
+            mean[:, k] = place.probability @ deviations
+            std[:, k] = np.sqrt(place.probability @ (deviations - mean[:, k]) ** 2)
+    return mean, std
 
 
 @eqx.filter_jit

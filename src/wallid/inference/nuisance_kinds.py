@@ -32,6 +32,7 @@ from .sensor_heights import (
     COMPONENTS,
     HEIGHT_KIND,
     candidate_heights,
+    component_name,
     has_uncertain_height,
     height_deviations,
     principal_components,
@@ -170,23 +171,26 @@ class SensorHeights(NuisanceKind):
     def parameters(self, case: Case, window: Window) -> Iterable[Parameter]:
         """Some parameters for each such sensor."""
         return (
-            Parameter(f"{self.kind}[{sensor.name}, {k + 1}]", prior_std=1.0)
+            Parameter(f"{self.kind}[{component_name(sensor, k + 1)}]", prior_std=1.0)
             for sensor in case.sensors
             if has_uncertain_height(case, sensor)
             for k in range(COMPONENTS)
         )
 
     def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
-        """The components at the point's diffusivity, and the mean over the heights."""
-        columns, change = np.zeros((len(names), *point.shape)), np.zeros(point.shape)
+        """The components at the point's diffusivity, the mean over the heights, and the slope of both."""
+        columns, z = np.zeros((len(names), *point.shape)), point.in_prior_std(names)
+        change, slope = np.zeros((2, *point.shape))
         uncertain = [k for k, sensor in enumerate(point.case.sensors) if has_uncertain_height(point.case, sensor)]
         for number, k in enumerate(uncertain):
             sensor = point.case.sensors[k]
             deviations = height_deviations(point.case, point.data, point.diffusivity, sensor)
-            mean, components = principal_components(deviations, candidate_heights(point.case, sensor)[1])
-            change[:, k] = mean
-            columns[COMPONENTS * number : COMPONENTS * (number + 1), :, k] = components
-        return LinearEffect(columns, np.zeros(len(names)), change)
+            found = principal_components(deviations, candidate_heights(point.case, sensor)[1])
+            own = slice(COMPONENTS * number, COMPONENTS * (number + 1))
+            columns[own, :, k] = found.components
+            change[:, k] = found.mean + z[own] @ found.components
+            slope[:, k] = found.mean_slope + z[own] @ found.component_slopes
+        return LinearEffect(columns, z, change, slope)
 
 
 class FacePositions(NuisanceKind):

@@ -11,15 +11,16 @@ in these components, and not anywhere.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-import scipy
 
 from .._internal.arrays import on_device
 from ..case.case_definition import Case
 from ..case.initial_profile import scales
 from ..case.wall_and_sensors import Sensor
 from ..models.finite_volume_wall import Output
-from ..models.sensitivity_equations import simulate_window
+from ..models.sensitivity_equations import explicit
 from ..models.wall_parameters import model_at
 from ..models.window_inputs import WindowData
 
@@ -27,7 +28,8 @@ COMPONENTS = 3
 """Principal components for each sensor; the fourth is below a hundredth of the first in rubble."""
 HEIGHT_KIND = "sensor_height"
 """Beginning of the names of their amplitudes."""
-_HEIGHTS = 64  # candidates
+_SPREAD = 4.0  # standard deviations about a stated height
+_STEPS = 33  # heights within them
 
 
 def has_uncertain_height(case: Case, sensor: Sensor) -> bool:
@@ -35,27 +37,77 @@ def has_uncertain_height(case: Case, sensor: Sensor) -> bool:
     return case.section is not None and (sensor.height is None or sensor.height_std > 0.0)
 
 
+def component_name(sensor: Sensor, number: int | str) -> str:
+    """The target in the name of the parameter of one of a sensor's components."""
+    return f"{sensor.name}, component {number}"
+
+
 def candidate_heights(case: Case, sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
     """Heights that a sensor may have, m, and their weights, of sum 1."""
     assert case.section is not None
-    heights = case.section.height * (np.arange(_HEIGHTS) + 0.5) / _HEIGHTS
     if sensor.height is None:
-        return heights, np.full(_HEIGHTS, 1.0 / _HEIGHTS)
-    weights = scipy.stats.norm.pdf(heights, sensor.height, max(sensor.height_std, case.section.height / _HEIGHTS))
-    return heights, weights / weights.sum()
+        heights, lengths = case.section.heights_at(sensor.position)
+        return heights, lengths / case.section.height
+    z = np.linspace(-_SPREAD, _SPREAD, _STEPS)
+    heights = sensor.height + sensor.height_std * z
+    inside = (heights >= 0.0) & (heights <= case.section.height)
+    weights = np.exp(-0.5 * z[inside] ** 2)
+    return heights[inside], weights / weights.sum()
 
 
-def height_deviations(case: Case, data: WindowData, diffusivity: float, sensor: Sensor) -> np.ndarray:
-    """What a sensor reads at its candidate heights minus what the model has for it, K, `(height, time)`."""
+class Deviations(NamedTuple):
+    """What a sensor reads at its candidate heights minus what the model has for it.
+
+    Args:
+        readings: K, `(height, time)`. slopes: their derivatives with respect to ln(alpha), K.
+    """
+
+    readings: np.ndarray
+    slopes: np.ndarray
+
+
+def height_deviations(case: Case, data: WindowData, diffusivity: float, sensor: Sensor) -> Deviations:
+    """The deviations of a sensor at its candidate heights, at a diffusivity in m2/s."""
     heights, _ = candidate_heights(case, sensor)
     outputs = [Output(sensor.position, height=float(height)) for height in heights]
     system = model_at(case, (), np.zeros(0), [*outputs, Output(sensor.position, height=sensor.height)])
-    u = np.asarray(simulate_window(system, on_device(scales(case).fourier_number(diffusivity)), data)[0])
-    return float(data.temperature) * (u[:, :-1] - u[:, -1:]).T
+    fourier = scales(case).fourier_number(diffusivity)
+    u, theta = explicit(system, on_device(fourier), data)
+    kelvin = float(data.temperature)
+    return Deviations(
+        *(factor * (part[:, :-1] - part[:, -1:]).T for factor, part in (
+            (kelvin, np.asarray(u)), (kelvin * fourier, np.asarray(theta)),
+        ))
+    )  # fmt: skip
 
 
-def principal_components(deviations: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The mean of deviations, `(time,)`, and their components, each for one standard deviation, `(component, time)`."""
-    mean = weights @ deviations
-    _, sizes, shapes = np.linalg.svd(np.sqrt(weights)[:, None] * (deviations - mean), full_matrices=False)
-    return mean, sizes[:COMPONENTS, None] * shapes[:COMPONENTS]
+class HeightComponents(NamedTuple):
+    """The mean of deviations over the heights, and their principal components; the same of their slopes.
+
+    Args:
+        mean, mean_slope: K, `(time,)`.
+        components, component_slopes: K for one standard deviation, `(component, time)`.
+    """
+
+    mean: np.ndarray
+    mean_slope: np.ndarray
+    components: np.ndarray
+    component_slopes: np.ndarray
+
+
+def principal_components(deviations: Deviations, weights: np.ndarray) -> HeightComponents:
+    """The principal components of deviations with these weights of the heights."""
+    means = [weights @ part for part in deviations]
+    root = np.sqrt(weights)[:, None]
+    centred = [root * (part - mean) for part, mean in zip(deviations, means, strict=True)]
+    directions, _, _ = np.linalg.svd(centred[0], full_matrices=False)
+    directions = directions[:, :COMPONENTS]
+    largest = np.argmax(np.abs(directions), axis=0)
+    directions = directions * np.sign(directions[largest, np.arange(directions.shape[1])])  # the same sign each time
+    components, slopes = (_padded(directions.T @ part) for part in centred)
+    return HeightComponents(means[0], means[1], components, slopes)
+
+
+def _padded(components: np.ndarray) -> np.ndarray:
+    """`COMPONENTS` components, the missing ones zero: few heights have fewer."""
+    return np.pad(components, ((0, COMPONENTS - len(components)), (0, 0)))

@@ -149,7 +149,14 @@ def why_contradicted(case: Case, fit: GLSFit) -> str:
     )
 
 
-def why_not_constant(fit: GLSFit) -> str:
+def what_to_do(case: Case) -> str:
+    """What to do where an effect is missing from the model."""
+    if case.section is None:
+        return "run wallid diagnose to search for it"
+    return "check where the section has stones and joints, the ratios of its materials, and the sensors' heights"
+
+
+def why_not_constant(case: Case, fit: GLSFit) -> str:
     """Why the diffusivity is not constant over the window, or an empty string.
 
     It is not tested beside a disturbance, which already says that the model does not explain the record.
@@ -158,7 +165,7 @@ def why_not_constant(fit: GLSFit) -> str:
         return ""
     return (
         f"the diffusivity is not constant over the window (p = {fit.constancy_p_value:.1g}): an effect is missing from "
-        "the model; run wallid diagnose to search for it"
+        f"the model; {what_to_do(case)}"
     )
 
 
@@ -181,7 +188,7 @@ def _log_std_of_noise(fit: GLSFit) -> float:
     return math.sqrt((1.0 + 2.0 * memory) / (2.0 * max(noise.degrees_of_freedom, 1.0)))
 
 
-def why_noisier(fit: GLSFit) -> str:
+def why_noisier(case: Case, fit: GLSFit) -> str:
     """Why the residual is more than the stated noise of the sensors, or an empty string.
 
     A residual that is autocorrelated and larger than stated is rather an effect that the model does not have. With
@@ -196,14 +203,14 @@ def why_noisier(fit: GLSFit) -> str:
     remembered = f", {share:.0%} of its variance correlated from row to row" if share >= _REMEMBERED else ""
     return (
         f"the residual is {ratio:.2g} times the stated noise{remembered}: an effect is missing from the model, or the "
-        "stated noise_std is too small; run wallid diagnose to search for it"
+        f"stated noise_std is too small; {what_to_do(case)}"
     )
 
 
 def noise_advice(case: Case, fit: GLSFit) -> str:
     """Which stated noise to change, where the noise found is far from it without a sign of a missing effect."""
     ratio = noise_ratio(fit)
-    far = ratio < _SMALLER or (ratio > _LARGER and not why_noisier(fit))
+    far = ratio < _SMALLER or (ratio > _LARGER and not why_noisier(case, fit))
     if fit.robust is not None or not case.sensors or not far:
         return ""
     stated = sorted({sensor.noise_std for sensor in case.sensors})

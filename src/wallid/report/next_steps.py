@@ -47,6 +47,8 @@ def next_steps(run: Run) -> list[str]:
         return _after_diagnosis(run.diagnosis)
     steps = [mixup.words for mixup in run.visible_mixups]
     steps += run.fit.advice if run.fit is not None else ()
+    if run.case.section is not None:
+        return [*steps, *_with_section(run)]
     missing = run.screening is not None and run.screening.missing
     if run.fit is not None and run.fit.reason and "wallid diagnose" not in run.fit.reason:
         steps.append("take days with larger variations of the face temperatures, a longer window, or a further sensor")
@@ -62,10 +64,7 @@ def next_steps(run: Run) -> list[str]:
             f"heater{known}"
         )
     elif run.fit is not None and run.case.sensors and not run.unreliable_reason:
-        closer = (
-            "" if run.case.section is not None else "; `wallid diagnose` tests each effect of the library more closely"
-        )
-        steps.append(f"use the value{closer}")
+        steps.append("use the value; `wallid diagnose` tests each effect of the library more closely")
     if run.fit is not None and run.fit.thermal is not None:
         if not run.case.sensors and not run.unreliable_reason:
             steps.insert(
@@ -86,6 +85,20 @@ def _unmet(average: Any) -> list[str]:
     return [
         f"where a result by the average method of ISO 9869-1 is required, record more days: at the {average.face} "
         f"plate its rules are not met ({rules})"
+    ]
+
+
+def _with_section(run: Run) -> list[str]:
+    """What to do after an estimate through a section: the library's effects are those of a wall in one dimension."""
+    if run.fit is None:
+        return []
+    if not run.unreliable_reason:
+        return ["use the value: it is the diffusivity of the equivalent homogeneous wall"]
+    return [
+        "check the section: where stones and joints are, the ratios of the materials' conductivities and capacities, "
+        "and the heights of the sensors",
+        "leave `[section]` out and run `wallid diagnose`: it searches for effects of sensors, faces and sources in a "
+        "homogeneous wall",
     ]
 
 

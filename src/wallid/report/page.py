@@ -239,7 +239,8 @@ def _answer(run: Run, result: dict[str, Any]) -> str:
         )
         return f"{values}{_flux_misfit(run.fit, result)}"
     if run.fit is not None:
-        return f"The window determines the diffusivity, provided that the model is valid. {_misfit(result)}"
+        misfit = _misfit(result, run.case.section is not None)
+        return f"The window determines the diffusivity, provided that the model is valid. {misfit}"
     return "" if run.design is None else _design_sentence(run.design)
 
 
@@ -254,21 +255,25 @@ def _design_sentence(design: Design) -> str:
     )
 
 
-def _misfit(result: dict[str, Any]) -> str:
-    """Whether the residual exceeds the stated noise: over the entire record where it was predicted."""
+def _misfit(result: dict[str, Any], in_section: bool) -> str:
+    """Whether the residual exceeds the stated noise: over the entire record where it was predicted.
+
+    Args:
+        result: entries of result.json.
+        in_section: whether the case has a section, which a diagnosis does not take.
+    """
     if "reliability" in result:
         data, rms, noise = "the entire record", result["reliability"]["rms_K"], result["reliability"]["noise_K"]
     else:
         data, rms, noise = "the window used", result["gap"]["after_K"], result["gap"]["floor_K"]
     residual = f"Over {data}, the root mean square of the residual is {rms:.2g} K."
     if rms <= _LARGEST_RATIO * noise:
-        return (
-            f"{residual} The stated sensor noise of {noise:.2g} K explains it. "
-            "wallid diagnose tests for effects that are missing nevertheless."
+        return f"{residual} The stated sensor noise of {noise:.2g} K explains it." + (
+            "" if in_section else " wallid diagnose tests for effects that are missing nevertheless."
         )
     return (
         f"{residual} The stated sensor noise explains only {noise:.2g} K: the model lacks an effect, which may bias "
-        "the diffusivity. wallid diagnose searches for it."
+        "the diffusivity." + ("" if in_section else " wallid diagnose searches for it.")
     )
 
 

@@ -70,6 +70,9 @@ def _read(path: Path) -> np.ndarray:
             return np.asarray(image.convert("RGBA"))
     except UnidentifiedImageError:
         raise InputError(f"{path}: is not a picture; save the traced drawing as PNG") from None
+    except Image.DecompressionBombError:
+        message = f"{path}: has too many pixels; scale it down: a few pixels across a joint are enough"
+        raise InputError(message) from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
 

@@ -10,7 +10,7 @@ from typing import Any, no_type_check
 import numpy as np
 
 from ..._internal.errors import InputError
-from ..._internal.validation import error_context, number, number_tuple, set_fields, spelling_hint, text
+from ..._internal.validation import error_context, integer, number, number_tuple, set_fields, spelling_hint, text
 from .section_definition import Section
 from .section_materials import SectionMaterial
 
@@ -77,7 +77,7 @@ def section_of_regions(
     if (cells < 0).any():
         row, column = np.argwhere(cells < 0)[0]
         raise InputError(
-            f"[section]: there is no material at x = {0.5 * (x_lines[column] + x_lines[column + 1]):.4g} m, "
+            f"there is no material at x = {0.5 * (x_lines[column] + x_lines[column + 1]):.4g} m, "
             f"y = {0.5 * (y_lines[row] + y_lines[row + 1]):.4g} m; begin with a [[section.region]] that covers all"
         )
     return Section(tuple(materials), x_lines, y_lines, cells, **edges)
@@ -131,6 +131,8 @@ def coursed_rubble(
     """
     for name, value in (("stone_length", stone_length), ("joint", joint), ("grid", grid)):
         number(name, value, "m", above=0.0)
+    integer("courses", courses, 1)
+    number("irregularity", irregularity, minimum=0.0, maximum=1.0)
     rng = np.random.default_rng(seed)
     regions = [Region(mortar, (0.0, length), (0.0, height))]
     y_ends = _random_ends(rng, height, courses, irregularity, grid)
@@ -140,7 +142,8 @@ def coursed_rubble(
         y = low + 0.5 * joint, high - 0.5 * joint
         for number_of, (left, right) in enumerate(pairwise(x_ends)):
             # stones reach the faces: joints are between stones
-            x = left + (0.5 * joint if number_of else 0.0), right - (0.5 * joint if number_of < count - 1 else 0.0)
+            is_last = number_of == len(x_ends) - 2
+            x = left + (0.5 * joint if number_of else 0.0), right - (0.0 if is_last else 0.5 * joint)
             if x[1] - x[0] > 0.0 and y[1] - y[0] > 0.0:
                 regions.append(Region(stone, x, y))
     return tuple(regions)

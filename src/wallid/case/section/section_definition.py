@@ -6,6 +6,7 @@ that every joint lies on a line.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Literal, no_type_check
@@ -18,6 +19,7 @@ from ..wall_and_sensors import SIDES, Side
 from .section_materials import SectionMaterial
 
 Edge = Literal["adiabatic", "left", "right"]
+_HEIGHTS = 64  # that a section's height is divided into at least
 _THIN_SHARE = 0.1  # of a material's area that may be thinner than its thinnest part: tips and corners
 
 
@@ -32,7 +34,8 @@ class Section:
         materials: of the cells.
         x_lines, y_lines: lines between the cells, m from the left face and from the bottom, increasing.
         cells: index of each cell's material, `(y, x)`.
-        step: size of the mesh beside a joint, m; None for a third of the thinnest part.
+        step: size of the mesh beside a joint, m; None for a third of the thinnest part, and at most a fortieth of the
+            shorter side.
         surface_resistance_left, surface_resistance_right: between the given temperature and the face, m2 K/W; 0 where
             the face's own temperature is given.
         bottom, top: "adiabatic" (a plane of mirror symmetry), or the face at whose given temperature the edge is held.
@@ -121,10 +124,29 @@ class Section:
         return float(np.sqrt(low * high)) / self.mean_heat_capacity
 
     def material_at(self, x: float, y: float) -> SectionMaterial:
-        """The material at a point, m; on a joint that to the right of it or above it."""
-        column = int(np.clip(np.searchsorted(self.x_lines, x, side="right") - 1, 0, self.cells.shape[1] - 1))
-        row = int(np.clip(np.searchsorted(self.y_lines, y, side="right") - 1, 0, self.cells.shape[0] - 1))
-        return self.materials[self.cells[row, column]]
+        """The material at a point, m; on a joint that to the left of it or below it, as readings are interpolated."""
+        row = int(np.clip(np.searchsorted(self.y_lines, y, side="left") - 1, 0, self.cells.shape[0] - 1))
+        return self.materials[self.cells[row, self._column(x)]]
+
+    def heights_at(self, x: float) -> tuple[np.ndarray, np.ndarray]:
+        """Heights at a distance from the left face, m, and the length of wall that each stands for, m.
+
+        Each run of one material has at least one, in the middle of its part, and none stands for more than 1/64 of the
+        section's height.
+        """
+        column = self._column(x)
+        starts = np.flatnonzero(np.diff(self.cells[:, column], prepend=-1))
+        ends = np.append(starts[1:], len(self.cells))
+        heights, lengths = [], []
+        for begin, end in zip(self.y_lines[starts], self.y_lines[ends], strict=True):
+            count = math.ceil((end - begin) / self.height * _HEIGHTS - 1e-9)
+            heights.append(begin + (end - begin) * (np.arange(count) + 0.5) / count)
+            lengths.append(np.full(count, (end - begin) / count))
+        return np.concatenate(heights), np.concatenate(lengths)
+
+    def _column(self, x: float) -> int:
+        """The column of cells that a distance from the left face lies in; on a joint the one before it."""
+        return int(np.clip(np.searchsorted(self.x_lines, x, side="left") - 1, 0, self.cells.shape[1] - 1))
 
     def thinnest_part(self) -> tuple[SectionMaterial, float]:
         """The material with the thinnest part, and the thickness of that part, m.

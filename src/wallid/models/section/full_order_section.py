@@ -26,8 +26,6 @@ from ..finite_volume_wall import lagrange_weights
 from .affine_model import AffineModel
 from .tensor_mesh import TensorMesh, section_mesh
 
-_HEIGHTS = 64  # at which an output without a height is averaged
-
 
 class _At(NamedTuple):
     """A point with a height."""
@@ -181,9 +179,12 @@ def output_rows(
 def _of_single_points(section: Section, points: Sequence[SectionPoint]) -> Iterator[tuple[int, _At, float]]:
     """The number of each point, where it is, and its weight; a point without a height is at many of them."""
     for number, point in enumerate(points):
-        heights = [point.y] if point.y is not None else section.height * (np.arange(_HEIGHTS) + 0.5) / _HEIGHTS
-        for height in heights:
-            yield number, _At(point.x, float(height), point.name), 1.0 / len(heights)
+        if point.y is not None:
+            yield number, _At(point.x, point.y, point.name), 1.0
+            continue
+        heights, lengths = section.heights_at(point.x)
+        for height, length in zip(heights.tolist(), lengths.tolist(), strict=True):
+            yield number, _At(point.x, height, point.name), length / section.height
 
 
 def _cell(lines: np.ndarray, value: float) -> int:

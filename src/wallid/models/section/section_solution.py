@@ -79,8 +79,11 @@ class SectionSolution(ResultObject):
                 f"             diffusivity {wall.diffusivity:.4g} m2/s, resistance {wall.resistance:.4g} m2 K/W",
             ]
         if self.steady is not None:
+            flow = "the heat flow has no limit, at a corner of two temperatures"
+            if self.steady.heat_flow is not None:
+                flow = f"{self.steady.heat_flow:.4g} W for each metre of depth"
             lines.append(f"steady       {self.steady.left:g} degC left, {self.steady.right:g} degC right: "
-                         f"{self.steady.heat_flow:.4g} W for each metre of depth")  # fmt: skip
+                         f"{flow}")  # fmt: skip
             lines += [f"             {name} {value:.2f} degC" for name, value in self.steady.temperatures.items()]
         return "\n".join(lines)
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from ..._internal.arrays import on_device
 from ..._internal.errors import InputError
 from ..._internal.progress import no_progress
 from ...case.section.section_definition import Section
+from ...case.wall_and_sensors import SIDES
 from ..finite_volume_wall import HeatProfile, Output
 from ..state_space import StateSpace
 from .affine_model import Factorised
@@ -32,6 +33,7 @@ from .steady_section import EquivalentWall, equivalent_wall
 
 _PERIODS = 600.0, 100.0 * 86400.0  # s, of the shifts: wide, so that one basis serves all diffusivities
 _SHIFTS = 16
+_PROFILE_DEGREE = 2  # the highest of an initial profile
 _ORDER = 40  # of all sections of more than one material: one compilation serves them
 
 
@@ -59,12 +61,13 @@ class SectionModes:
         """The state space with these outputs.
 
         Args:
-            outputs: temperatures and gradients along x; without a height the mean over the section's height.
-            profile_degree: of the initial profile.
+            outputs: temperatures, gradients along x, and fluxes; without a height, and for a flux, the mean over the
+                section's height.
+            profile_degree: of the initial profile, at most 2.
             heat: each is one more input, as in `finite_volume_model`.
 
         Raises:
-            InputError: a flux as an output, or a position outside the section.
+            InputError: a position outside the section.
         """
         own, model = self.section.section, self.section.model
         _, _, drive = model.at(self.section.conductivity, self.section.heat_capacity)
@@ -76,7 +79,7 @@ class SectionModes:
             B=B,
             C=C,
             D=D,
-            P=self.weighted.T @ self._profile_fields(profile_degree),
+            P=self.weighted.T @ self._profile_fields[:, : profile_degree + 1],
             output_names=tuple(output.name for output in outputs),
         )
         if not heat:
@@ -129,8 +132,10 @@ class SectionModes:
                 row[half, cell + 1] -= each
         return row.ravel()
 
-    def _profile_fields(self, degree: int) -> np.ndarray:
+    @cached_property
+    def _profile_fields(self) -> np.ndarray:
         """The fields of the initial profile's coefficients at the nodes that are states, `(state, param)`."""
+        degree = _PROFILE_DEGREE
         own, model = self.section.section, self.section.model
         E, K, drive = model.at(self.section.conductivity, self.section.heat_capacity)
         solver = Factorised(-K)
@@ -161,8 +166,14 @@ def section_modes(section: Section) -> SectionModes:
     """The modes of a section at the stated values of its materials, computed once for a section.
 
     Raises:
-        InputError: an edge that is not adiabatic, so that there is no equivalent wall.
+        InputError: an edge that is not adiabatic, so that there is no equivalent wall; a surface resistance, which does
+            not scale with the materials' diffusivity.
     """
+    if any(section.surface_resistance(side) > 0.0 for side in SIDES):
+        raise InputError(
+            "[section]: an estimate takes the temperatures of the faces themselves; surface_resistance_left and "
+            "surface_resistance_right are for `wallid section` and must be 0"
+        )
     full = full_order_section(section, profile_degree=2)
     equivalent = equivalent_wall(full)
     if equivalent is None:

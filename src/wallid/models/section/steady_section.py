@@ -20,7 +20,8 @@ class SteadySection(ResultObject):
         left, right: the given temperatures, degC.
         field: temperature of the nodes, degC, `(y, x)`.
         temperatures: of the model's outputs by name, degC.
-        heat_flow: through the left face, W for each metre of depth, positive along +x.
+        heat_flow: through the left face, W for each metre of depth, positive along +x; None where the face meets an
+            edge of another temperature: there it has no limit.
         heat_flow_right: the same through the right face.
     """
 
@@ -28,8 +29,8 @@ class SteadySection(ResultObject):
     right: float
     field: np.ndarray
     temperatures: dict[str, float]
-    heat_flow: float
-    heat_flow_right: float
+    heat_flow: float | None
+    heat_flow_right: float | None
 
 
 @dataclass(frozen=True)
@@ -75,14 +76,23 @@ def steady_section(
         field=field,
         temperatures=dict(zip(section.model.output_names, outputs.tolist(), strict=True)),
         heat_flow=_heat_into(section, field, "left", left, conductivity),
-        heat_flow_right=-_heat_into(section, field, "right", right, conductivity),
+        heat_flow_right=_negative(_heat_into(section, field, "right", right, conductivity)),
     )
 
 
-def _heat_into(section: SectionModel, field: np.ndarray, face: Side, given: float, conductivity: np.ndarray) -> float:
-    """The heat that enters through a face, W for each metre of depth."""
+def _negative(value: float | None) -> float | None:
+    return None if value is None else -value
+
+
+def _heat_into(
+    section: SectionModel, field: np.ndarray, face: Side, given: float, conductivity: np.ndarray
+) -> float | None:
+    """The heat that enters through a face, W for each metre of depth; None where it has no limit."""
+    own = section.section
+    if any(edge not in ("adiabatic", face) for edge in (own.bottom, own.top)) and not own.surface_resistance(face):
+        return None
     column = 0 if face == "left" else -1
-    resistance = section.section.surface_resistance(face)
+    resistance = own.surface_resistance(face)
     if resistance > 0.0:
         on_face = field[:, column]
         return float(np.trapezoid(given - on_face, section.mesh.y) / resistance)
@@ -103,6 +113,7 @@ def equivalent_wall(section: SectionModel, conductivity: np.ndarray | None = Non
     if not own.is_adiabatic:
         return None
     flow = steady_section(section, 1.0, 0.0, conductivity).heat_flow
+    assert flow is not None
     resistance = own.height / flow - own.surface_resistance_left - own.surface_resistance_right
     return EquivalentWall(own.length / resistance, own.mean_heat_capacity, resistance)
 
