@@ -121,7 +121,7 @@ def summary(outcomes: list[dict]) -> str:
             f"called reliable {sum(one['reliable'] for one in own)}"
         )
     sensors = [sensor for one in outcomes for sensor in one["sensors"]]
-    decided = [sensor for sensor in sensors if sensor["deviance"] >= DECIDED]
+    decided = [sensor for sensor in sensors if sensor["deviance"] is not None and sensor["deviance"] >= DECIDED]
     right = sum(sensor["true"] == sensor["found"] for sensor in decided)
     lines.append(f"stone or mortar: decided {len(decided)} of {len(sensors)} sensors, right {right}")
     everywhere = sum(sensor["true"] == sensor["found"] for sensor in sensors)

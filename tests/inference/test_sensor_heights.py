@@ -10,6 +10,7 @@ from wallid.case.section import Region, SectionMaterial, section_of_regions
 from wallid.inference.sensor_heights import Deviations, candidate_heights, principal_components
 from wallid.inference.sensor_places import place_of_likelihoods
 from wallid.models.section.section_state_space import section_modes
+from wallid.report.settings import settings_tables
 
 MATERIALS = {"stone": (1.7, 2.1e6), "mortar": (0.4, 1.5e6)}
 REGIONS = (
@@ -136,6 +137,15 @@ def test_the_prediction_is_at_the_probable_height(records, fits):
     rms = np.sqrt(np.nanmean((found.measured - found.predicted)[48:] ** 2, axis=0))
     assert (rms < 0.03).all()
     assert (found.sigma[48:] >= 0.02).all()
+
+
+def test_the_report_has_the_section_and_the_heights(records):
+    tables = {table.title: table for table in settings_tables(records["unknown"])}
+    assert [row[0] for row in tables["[[section.material]]"].rows] == ["stone", "mortar"]
+    assert dict(tables["[section]"].rows)["height (m)"] == "0.24"
+    assert tables["[[sensor]]"].head[-2:] == ("height (m)", "height_std (m)")
+    assert [row[-2] for row in tables["[[sensor]]"].rows] == ["not known"] * 2
+    assert settings_tables(records["known"])[-2].rows[0][-2] == "0.05"
 
 
 def test_windows_of_one_height_are_not_averaged(records):

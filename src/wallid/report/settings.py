@@ -7,6 +7,8 @@ from dataclasses import fields
 
 from .._internal.number_formats import format_number
 from ..case.case_definition import Case
+from ..case.section.section_definition import Section
+from ..case.wall_and_sensors import Sensor
 from ..models.flux_plates import flux_gain_std, flux_noise_std, fluxes_of
 from .tables import Table
 
@@ -23,9 +25,13 @@ def settings_tables(case: Case) -> list[Table]:
             for layer in case.wall.layers
         ]
         tables.append(Table("[[wall.layer]]", head, [*rows]))
+    if case.section is not None:
+        tables += _section(case.section)
     tables.append(Table("[record]", _HEAD, [*_record(case)]))
     if case.sensors:
+        with_height = case.section is not None
         head = ("name", "position (m)", "position_std (m)", "noise_std (K)", "offset_std (K)")
+        head += ("height (m)", "height_std (m)") if with_height else ()
         rows = [
             (
                 one.name,
@@ -33,11 +39,42 @@ def settings_tables(case: Case) -> list[Table]:
                 format_number(one.position_std),
                 format_number(one.noise_std),
                 format_number(one.offset_std),
+                *(_height(one) if with_height else ()),
             )
             for one in case.sensors
         ]
         tables.append(Table("[[sensor]]", head, [*rows]))
     return [*tables, Table("[choices]", _HEAD, [*_choices(case)])]
+
+
+def _height(sensor: Sensor) -> tuple[str, str]:
+    """A sensor's height and its standard deviation."""
+    if sensor.height is None:
+        return "not known", ""
+    return format_number(sensor.height), format_number(sensor.height_std)
+
+
+def _section(section: Section) -> list[Table]:
+    """The tables of a section and of its materials."""
+    settings = [
+        ("height (m)", format_number(section.height)),
+        ("step (m)", "by the thinnest part" if section.step is None else format_number(section.step)),
+        ("bottom", section.bottom),
+        ("top", section.top),
+    ]
+    head = ("name", "conductivity (W/m/K)", "conductivity_y (W/m/K)", "heat_capacity (J/m³/K)", "uncertainty", "area")
+    rows = [
+        (
+            one.name,
+            format_number(one.conductivity),
+            format_number(one.anisotropy * one.conductivity),
+            format_number(one.heat_capacity),
+            format_number(one.uncertainty),
+            f"{100 * share:.1f} %",
+        )
+        for one, share in zip(section.materials, section.areas.tolist(), strict=True)
+    ]
+    return [Table("[section]", _HEAD, settings), Table("[[section.material]]", head, rows)]
 
 
 def _wall(case: Case) -> Iterator[tuple[str, str]]:
