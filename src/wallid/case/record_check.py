@@ -70,11 +70,8 @@ def _stops(case: Case) -> list[str]:
             )
     if all(np.ptp(face) < MIN_FACE_RANGE for face in record.faces[~record.broken].T):
         stops.append("both face temperatures are constant, so the record has no information: log days with weather")
-    if (section := case.section) is not None:
-        if not section.is_adiabatic:
-            stops.append('[section]: an estimate needs bottom = "adiabatic" and top = "adiabatic"')
-        if section.surface_resistance_left or section.surface_resistance_right:
-            stops.append("[section]: an estimate takes the faces' own temperatures; surface resistances must be 0")
+    if case.section is not None and (reason := case.section.why_not_estimated):
+        stops.append(f"[section]: {reason}")
     return stops
 
 

@@ -122,10 +122,7 @@ def run_plan(name: str, out: Path, json: bool, quiet: bool, formats: str) -> Non
             written = _written(display, partial(report.write_page, plan_page(result), out, formats=figure_formats))
     except InputError as error:
         exit_with_error(error)
-    if json:
-        print_output((out / "result.json").read_text("utf-8"), end="")
-    elif not quiet:
-        print_output("\n".join(_summary(result, written)))
+    _print_result(result, written, json, quiet)
     if result.uninformative > _LIKELY:
         raise typer.Exit(1)
 
@@ -164,10 +161,7 @@ def run_forecast(
             written = _written(display, partial(report.write_page, page, out, formats=figure_formats))
     except InputError as error:
         exit_with_error(error)
-    if json:
-        print_output((out / "result.json").read_text("utf-8"), end="")
-    elif not quiet:
-        print_output("\n".join(_summary(result, written)))
+    _print_result(result, written, json, quiet)
 
 
 def run_section(
@@ -220,8 +214,15 @@ def run_section(
             written = _written(display, partial(report.write_page, section_page(result), out, formats=figure_formats))
     except InputError as error:
         exit_with_error(error)
+    _print_result(result, written, json, quiet)
+
+
+def _print_result(
+    result: CampaignPlan | Forecast | SectionSolution, written: list[Path], json: bool, quiet: bool
+) -> None:
+    """Print what a command found: its result.json, or its summary, or nothing."""
     if json:
-        print_output((out / "result.json").read_text("utf-8"), end="")
+        print_output((written[0].parent / "result.json").read_text("utf-8"), end="")
     elif not quiet:
         print_output("\n".join(_summary(result, written)))
 

@@ -182,11 +182,16 @@ def finite_volume_model(
         capacity=on_device(capacity),
         output_names=tuple(output.name for output in outputs),
     )
-    return _with_heat_inputs(model, _heat_of_cells(positions, heat)[state] / capacity[:, None]) if heat else model
+    return with_heat_inputs(model, _heat_of_cells(positions, heat)[state] / capacity[:, None]) if heat else model
 
 
-def _with_heat_inputs(model: StateSpace, heat: Float[ArrayLike, "node place"]) -> StateSpace:
-    """The model with inputs of heat after its own, which do not scale with Fo."""
+def with_heat_inputs(model: StateSpace, heat: Float[ArrayLike, "node place"]) -> StateSpace:
+    """The model with inputs of heat after its own, which do not scale with Fo.
+
+    Args:
+        model: the model.
+        heat: what a unit of each adds to the rates of the states, per t_ref.
+    """
     no_heat = ((0, 0), (0, heat.shape[1]))
     return replace(
         model,

@@ -59,8 +59,9 @@ class Section:
     def __post_init__(self) -> None:
         arrays = {name: np.asarray(getattr(self, name), float) for name in ("x_lines", "y_lines")}
         set_fields(self, materials=tuple(self.materials), cells=np.asarray(self.cells, int), **arrays)
-        if self.cells.shape != (len(self.y_lines) - 1, len(self.x_lines) - 1):
-            raise ValueError(f"cells has shape {self.cells.shape}; the lines need {self.shape_of_lines}")
+        shape = len(self.y_lines) - 1, len(self.x_lines) - 1
+        if self.cells.shape != shape:
+            raise ValueError(f"cells has shape {self.cells.shape}; the lines need {shape}")
         if not (np.all(np.diff(self.x_lines) > 0) and np.all(np.diff(self.y_lines) > 0)):
             raise ValueError("x_lines and y_lines must increase")
         if self.cells.min() < 0 or self.cells.max() >= len(self.materials):
@@ -76,11 +77,6 @@ class Section:
             one_of(name, getattr(self, name), ("adiabatic", *SIDES))
 
     @property
-    def shape_of_lines(self) -> tuple[int, int]:
-        """The number of cells along y and along x."""
-        return len(self.y_lines) - 1, len(self.x_lines) - 1
-
-    @property
     def length(self) -> float:
         """From the left to the right face, m."""
         return float(self.x_lines[-1] - self.x_lines[0])
@@ -94,6 +90,18 @@ class Section:
     def is_adiabatic(self) -> bool:
         """Whether heat enters and leaves through the two faces only."""
         return self.bottom == self.top == "adiabatic"
+
+    @property
+    def why_not_estimated(self) -> str:
+        """Why an estimate does not take this section; empty where it does."""
+        if not self.is_adiabatic:
+            return 'an estimate needs bottom = "adiabatic" and top = "adiabatic"'
+        if self.surface_resistance_left or self.surface_resistance_right:
+            return (
+                "an estimate takes the temperatures of the faces themselves; surface_resistance_left and "
+                "surface_resistance_right are for `wallid section` and must be 0"
+            )
+        return ""
 
     def surface_resistance(self, face: Side) -> float:
         """Between the given temperature of a face and the face itself, m2 K/W."""

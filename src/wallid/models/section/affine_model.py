@@ -10,7 +10,6 @@ positive definite.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,7 +31,6 @@ class AffineModel:
         C, D: outputs, `(output, state)` and `(output, input)`.
         P: the initial state for a unit of each coefficient of the initial profile, `(state, param)`.
         output_names: one for each output.
-        length: of the wall, m, for `Fo`.
     """
 
     capacity: tuple[Matrix, ...]
@@ -44,7 +42,6 @@ class AffineModel:
     D: np.ndarray
     P: np.ndarray
     output_names: tuple[str, ...]
-    length: float
 
     @property
     def order(self) -> int:
@@ -82,10 +79,6 @@ class AffineModel:
             C=np.asarray(self.C @ basis),
             P=np.linalg.solve(mass, basis.T @ (weight @ self.P)),
         )
-
-    def with_outputs(self, C: Matrix, D: np.ndarray, names: Sequence[str]) -> AffineModel:
-        """The same model with other outputs."""
-        return replace(self, C=C, D=D, output_names=tuple(names))
 
 
 class Factorised:

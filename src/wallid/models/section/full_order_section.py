@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 import scipy
@@ -25,14 +25,6 @@ from ...case.wall_and_sensors import SIDES
 from ..finite_volume_wall import lagrange_weights
 from .affine_model import AffineModel
 from .tensor_mesh import TensorMesh, section_mesh
-
-
-class _At(NamedTuple):
-    """A point with a height."""
-
-    x: float
-    y: float
-    name: str
 
 
 @dataclass(frozen=True)
@@ -130,7 +122,6 @@ def full_order_section(
         D=(rows @ hold).toarray(),
         P=np.vander(np.tile(mesh.x / section.length, len(mesh.y))[unknown], profile_degree + 1, increasing=True),
         output_names=tuple(point.name for point in points),
-        length=section.length,
     )
     return SectionModel(section, mesh, model, unknown, given)
 
@@ -159,14 +150,14 @@ def output_rows(
         InputError: a point outside the section.
     """
     rows, columns, weights = [], [], []
-    for row, point, share in _of_single_points(section, points):
-        if not (0.0 <= point.x <= section.length and 0.0 <= point.y <= section.height):
+    for row, point, height, share in _of_single_heights(section, points):
+        if not (0.0 <= point.x <= section.length and 0.0 <= height <= section.height):
             raise InputError(
-                f"{point.name or 'point'}: x = {point.x:g} m, y = {point.y:g} m is outside the section of "
+                f"{point.name or 'point'}: x = {point.x:g} m, y = {height:g} m is outside the section of "
                 f"{section.length:g} x {section.height:g} m"
             )
-        below, above, left, right = _uniform_block(mesh, _cell(mesh.y, point.y), _cell(mesh.x, point.x))
-        along_y = lagrange_weights(mesh.y[below : above + 2], point.y, 0)
+        below, above, left, right = _uniform_block(mesh, _cell(mesh.y, height), _cell(mesh.x, point.x))
+        along_y = lagrange_weights(mesh.y[below : above + 2], height, 0)
         along_x = lagrange_weights(mesh.x[left : right + 2], point.x, int(kind == "gradient"))
         along_x = along_x * (section.length if kind == "gradient" else 1.0)
         nodes = np.arange(below, above + 2)[:, None] * len(mesh.x) + np.arange(left, right + 2)
@@ -176,15 +167,17 @@ def output_rows(
     return scipy.sparse.csr_array((weights, (rows, columns)), shape=(len(points), mesh.shape[0] * mesh.shape[1]))
 
 
-def _of_single_points(section: Section, points: Sequence[SectionPoint]) -> Iterator[tuple[int, _At, float]]:
-    """The number of each point, where it is, and its weight; a point without a height is at many of them."""
+def _of_single_heights(
+    section: Section, points: Sequence[SectionPoint]
+) -> Iterator[tuple[int, SectionPoint, float, float]]:
+    """Each point with its number, a height and its weight; a point without a height is at many of them."""
     for number, point in enumerate(points):
         if point.y is not None:
-            yield number, _At(point.x, point.y, point.name), 1.0
+            yield number, point, point.y, 1.0
             continue
         heights, lengths = section.heights_at(point.x)
         for height, length in zip(heights.tolist(), lengths.tolist(), strict=True):
-            yield number, _At(point.x, height, point.name), length / section.height
+            yield number, point, height, length / section.height
 
 
 def _cell(lines: np.ndarray, value: float) -> int:

@@ -14,17 +14,15 @@ wall's `k` and `c`. In a homogeneous section they are these powers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ..._internal.arrays import on_device
 from ..._internal.errors import InputError
 from ..._internal.progress import no_progress
 from ...case.section.section_definition import Section
-from ...case.wall_and_sensors import SIDES
-from ..finite_volume_wall import HeatProfile, Output
+from ..finite_volume_wall import HeatProfile, Output, with_heat_inputs
 from ..state_space import StateSpace
 from .affine_model import Factorised
 from .full_order_section import SectionModel, SectionPoint, full_order_section, output_rows
@@ -73,26 +71,15 @@ class SectionModes:
         _, _, drive = model.at(self.section.conductivity, self.section.heat_capacity)
         per_rate = own.length**2 / self.equivalent.diffusivity  # from 1/s to multiples of alpha / L^2
         C, D = self._outputs(outputs)
-        B = per_rate / self.capacity * self.vectors.T @ drive
         states = StateSpace(
             A=per_rate * self.rates,
-            B=B,
+            B=per_rate / self.capacity * self.vectors.T @ drive,
             C=C,
             D=D,
             P=self.weighted.T @ self._profile_fields[:, : profile_degree + 1],
             output_names=tuple(output.name for output in outputs),
         )
-        if not heat:
-            return states
-        added = self.vectors.T @ self._heat_shares(heat)
-        pad = ((0, 0), (0, len(heat)))
-        return replace(
-            states,
-            B=on_device(np.pad(B, pad)),
-            D=on_device(np.pad(D, pad)),
-            B0=on_device(np.pad(added, ((0, 0), (B.shape[1], 0)))),
-            driven=states.driven + (True,) * len(heat),
-        )
+        return with_heat_inputs(states, self.vectors.T @ self._heat_shares(heat)) if heat else states
 
     @property
     def capacity(self) -> float:
@@ -169,15 +156,11 @@ def section_modes(section: Section) -> SectionModes:
         InputError: an edge that is not adiabatic, so that there is no equivalent wall; a surface resistance, which does
             not scale with the materials' diffusivity.
     """
-    if any(section.surface_resistance(side) > 0.0 for side in SIDES):
-        raise InputError(
-            "[section]: an estimate takes the temperatures of the faces themselves; surface_resistance_left and "
-            "surface_resistance_right are for `wallid section` and must be 0"
-        )
+    if reason := section.why_not_estimated:
+        raise InputError(f"[section]: {reason}")
     full = full_order_section(section, profile_degree=2)
     equivalent = equivalent_wall(full)
-    if equivalent is None:
-        raise InputError('[section]: an estimate needs bottom = "adiabatic" and top = "adiabatic"')
+    assert equivalent is not None
     values = full.conductivity, full.heat_capacity
     columns = snapshots(full.model, [values], log_frequencies(*_PERIODS, _SHIFTS), no_progress)
     basis = orthonormal_basis(full.model, columns, _ORDER)
