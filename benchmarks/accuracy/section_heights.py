@@ -46,11 +46,15 @@ def rubble(rng: np.random.Generator) -> tuple:
     )  # fmt: skip
 
 
-def simulated(regions: tuple, factor: float, heights: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """The readings of the faces and sensors at the rows, degC, `(time, 5)`, and the equivalent wall's diffusivity."""
-    rectangles = [
-        Rectangle(one.x, one.y, factor * MATERIALS[one.material][0], MATERIALS[one.material][1]) for one in regions
-    ]
+def simulated(
+    regions: tuple, materials: dict[str, tuple[float, float]], heights: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, float]:
+    """The readings of the faces and sensors at the rows, degC, `(time, 5)`, and the equivalent wall's diffusivity.
+
+    Args:
+        materials: true conductivity, W/m/K, and heat capacity, J/m3/K, of each.
+    """
+    rectangles = [Rectangle(one.x, one.y, *materials[one.material]) for one in regions]
     faces = weather(round((DAYS + BEFORE) * 86400.0 / FINE), FINE, rng, hours=(8.0, 2.0))
     points = np.stack([np.array(PLACES) + POSITION_STD * rng.standard_normal(3), heights], axis=1)
     stride = round(STEP / FINE)
@@ -72,7 +76,8 @@ def estimated(number: int) -> dict[str, Any]:
 
     rng = np.random.default_rng([SEED, number])
     regions, factor, heights = rubble(rng), float(np.exp(0.3 * rng.standard_normal())), rng.uniform(0.0, HEIGHT, 3)
-    readings, truth = simulated(regions, factor, heights, rng)
+    true = {name: (factor * k, c) for name, (k, c) in MATERIALS.items()}
+    readings, truth = simulated(regions, true, heights, rng)
     section = section_of_regions(LENGTH, HEIGHT, [SectionMaterial(k, *v) for k, v in MATERIALS.items()], regions)
     frame = pd.DataFrame(readings, columns=["left", "right", "T1", "T2", "T3"])
     frame.insert(0, "time", STEP * np.arange(len(frame)))

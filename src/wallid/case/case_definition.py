@@ -114,8 +114,7 @@ class Case(ResultObject):
             raise InputError("no [[sensor]] and no flux; at least one sensor, flux_left or flux_right is needed")
         with error_context("[choices]"):
             check_choices(self.choices, self.record)
-            if "layers" in self.choices.free and len(self.wall.layers) < 2:
-                raise InputError('free = "layers": the wall has no layers; state two [[wall.layer]] at least')
+            self._check_free()
         if self.choices.learning_diffusivities is None:
             diffusivities = tuple(factor * self.wall.diffusivity_prior for factor in _LEARNING_FACTORS)
             set_fields(self, choices=replace(self.choices, learning_diffusivities=diffusivities))
@@ -136,10 +135,19 @@ class Case(ResultObject):
                 f"[wall] conductivity = {self.wall.conductivity:g} W/m/K; with these materials it must lie between "
                 f"{low:.4g} and {high:.4g}; leave it out, the section says it"
             )
-        if self.choices.free:
-            raise InputError(
-                f'[choices] free = "{self.choices.free[0]}": a case with a [section] estimates no layers or films'
-            )
+
+    def _check_free(self) -> None:
+        """Refuse free parameters that the wall does not have."""
+        free = self.choices.free
+        if self.section is None:
+            if "layers" in free and len(self.wall.layers) < 2:
+                raise InputError('free = "layers": the wall has no layers; state two [[wall.layer]] at least')
+            if "materials" in free:
+                raise InputError('free = "materials": the case has no [section]; for layers take free = "layers"')
+        elif others := [name for name in free if name != "materials"]:
+            raise InputError(f'free = "{others[0]}": a case with a [section] estimates no layers or films')
+        elif free and not any(material.uncertainty for material in self.section.materials):
+            raise InputError('free = "materials": every material has uncertainty = 0, so that none is estimated')
 
     @classmethod
     def from_dataframe(

@@ -14,7 +14,7 @@ from ..records.uniform_record import Record
 
 ACTIONS = ("sensor", "flux_plate", "column", "longer", "season", "shade", "swap", "heating")
 """Kinds of action that a diagnosis can propose."""
-FREE_PARAMETERS = ("layers", "film_left", "film_right")
+FREE_PARAMETERS = ("layers", "film_left", "film_right", "materials")
 _MAX_DAYS = 1e5
 _MAX_NODES = 5000  # more nodes: the dense matrices of the full-order model fill the memory
 
@@ -50,7 +50,8 @@ class Choices:
             and no choice of `noise`, else "none".
         free: parameters of the wall that are estimated in addition to the diffusivity: "layers" (the conductivity of
             each layer relative to that of the first), "film_left", "film_right" (the surface resistance, where the
-            column of that face is the air temperature).
+            column of that face is the air temperature), "materials" (conductivity and heat capacity of each material of
+            a section, within the priors that its `uncertainty` gives).
         efforts: of kinds of action that a diagnosis proposes, such as {"sensor": 5.0}, relative to that of logging one
             more column; kept as pairs. Kinds that are left out have their defaults.
 

@@ -16,6 +16,7 @@ from ..inference.gauss_newton import Trace
 from ..inference.generalised_least_squares import fit_generalised_least_squares
 from ..inference.gls_fit import GLSFit
 from ..inference.identifiability import identifiability
+from ..inference.material_values import material_values
 from ..inference.nuisance_kinds import NUISANCE_KINDS, NuisanceKind, WallParameters
 from ..inference.parameters import kind_of, target_of
 from ..inference.parametric_bootstrap import bootstrap
@@ -176,6 +177,7 @@ def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[
         for field, kind in _INSTRUMENT_ERRORS.items()
     }
     singular = np.linalg.svd(best_fit.jacobian, compute_uv=False) if best_fit.finite else np.array([np.nan])
+    materials = material_values(case, best_fit)
     bounds = float(best_fit.problem.lowest), float(best_fit.problem.highest)
     reason = why_unreliable(case, value, (ends[0], ends[1]), singular, bool(best.converged), bounds)
     if reason and noise_ratio(best_fit) > FAR_LARGER:  # the window is informative: its model is wrong
@@ -214,7 +216,8 @@ def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[
         singular_values=singular,
         model_shift=shift,
         identifiability=identifiability(case, best_fit) if best_fit.finite and len(best_fit.names) > 1 else None,
-        wall_parameters=_wall_parameters(case, best_fit),
+        wall_parameters=_wall_parameters(case, best_fit) if materials is None else materials.quantities,
+        materials=materials,
         bootstrap=bootstrap(best_fit, draws, case.choices.seed) if draws and not reason else None,
     )
 
@@ -227,7 +230,7 @@ def _doubt(case: Case, value: float) -> str:
 def _wall_parameters(case: Case, fit: GLSFit) -> dict[str, Quantity]:
     """The estimated parameters of the wall beside its diffusivity: layer diffusivities and film lengths."""
     indices, quantities = fit.indices(WallParameters.kind), {}
-    if not len(indices) or not fit.finite:
+    if not len(indices) or not fit.finite or case.section is not None:
         return {}
     names, z = [target_of(fit.names[k]) for k in indices], fit.z[indices]
     used = [0, *indices.tolist()]
@@ -243,7 +246,7 @@ def _wall_parameters(case: Case, fit: GLSFit) -> dict[str, Quantity]:
     for side, length in zip(SIDES, film_lengths_at(case, names, z), strict=True):
         if (name := f"film_{side}") in names:
             index = 1 + names.index(name)
-            variance = prior_std_of(name) ** 2 * float(covariance[index, index])
+            variance = prior_std_of(case, name) ** 2 * float(covariance[index, index])
             quantities[name] = lognormal(length, variance, fit.quantile, "m")
     return quantities
 

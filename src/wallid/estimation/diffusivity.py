@@ -30,7 +30,7 @@ from ..models.flux_plates import fluxes_of, full_order_model_with_plates, with_f
 from ..models.integration import Integrator
 from ..models.sensitivity_equations import explicit
 from ..models.state_space import StateSpace
-from ..models.window_inputs import check_driven, full_order_model, window_data
+from ..models.window_inputs import check_driven, full_order_model, order_of_full_model, window_data
 from ..reduction.modal_identification import LearnedModel
 from ..reduction.training_signals import learn
 from .conclusion import InitialFit, estimate_from_gls, gls_minima, initial_estimate
@@ -170,7 +170,7 @@ def _has_plate_outputs(case: Case, model: StateSpace | LearnedModel) -> bool:
 def _system_and_description(case: Case, model: StateSpace | LearnedModel) -> tuple[StateSpace, str, bool]:
     """A model's system, its description, and whether it is a reduced-order model."""
     system = model.system if isinstance(model, LearnedModel) else model
-    reduced = isinstance(model, LearnedModel) or system.order < case.choices.nodes - 2
+    reduced = isinstance(model, LearnedModel) or system.order < order_of_full_model(case)
     return system, f"{'reduced' if reduced else 'full'}-order model of order {system.order}", reduced
 
 

@@ -22,7 +22,9 @@ from ..inference.weighted_least_squares import paper_sigma
 from ..models.error_measures import eps_2
 from ..models.finite_volume_wall import Output
 from ..models.integration import simulate
+from ..models.section.section_state_space import section_modes
 from ..models.state_space import StateSpace
+from ..models.wall_parameters import free_wall_parameters
 from ..models.window_inputs import WindowData, check_driven, full_order_model, sensor_outputs, window_data
 from ..records.row_times import RecordStart
 from .result_objects import Estimate
@@ -231,9 +233,10 @@ def _at_probable_heights(
 ) -> tuple[np.ndarray, np.ndarray]:
     """What the sensors of unknown height read more than the model has for them: mean and standard deviation, K."""
     mean, std = np.zeros((2, data.inputs.shape[0], len(case.sensors)))
+    stated = np.zeros(len(free_wall_parameters(case)))
     for k, sensor in enumerate(case.sensors):
         if (place := fit.sensor_places.get(sensor.name)) is not None:
-            deviations = height_deviations(case, data, diffusivity, sensor).readings
+            deviations = height_deviations(case, data, diffusivity, sensor, stated).readings
             mean[:, k] = place.probability @ deviations
             std[:, k] = np.sqrt(place.probability @ (deviations - mean[:, k]) ** 2)
     return mean, std
@@ -250,6 +253,8 @@ def _simulate_each(
 def _heat_loads(case: Case, factors: np.ndarray, slope: np.ndarray) -> HeatLoads | None:
     """The heat loads from `-(k/k_eff) dT/dx` at the inner face for each factor, K/m, `(factor, time)`."""
     conductivity = case.wall.effective_conductivity
+    if case.section is not None:
+        conductivity = section_modes(case.section).equivalent.conductivity
     if conductivity is None:
         return None
     flux = conductivity * slope

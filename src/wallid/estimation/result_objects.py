@@ -18,6 +18,7 @@ from ..case.initial_profile import InitialProfile
 from ..case.time_window import Window
 from ..inference.disturbance_search import Disturbance
 from ..inference.identifiability import Identifiability
+from ..inference.material_values import MaterialValues
 from ..inference.parametric_bootstrap import Bootstrap
 from ..inference.quantity import NORMAL_95, Quantity, normal, quantity_frame
 from ..inference.sensor_places import SensorPlace
@@ -76,7 +77,9 @@ class Estimate(ResultObject):
             the only parameter.
         parameters: every nuisance parameter that was estimated, by name: (value, standard error), in its own unit.
         wall_parameters: the other estimated parameters of the wall (`[choices] free`): "layer 1" and so on, m2/s;
-            "film_left" and "film_right", conductivity over film coefficient, m.
+            "film_left" and "film_right", conductivity over film coefficient, m; of a section "conductivity of stone",
+            W/m/K, "heat_capacity of stone", J/m3/K, and so on.
+        materials: what the record tells apart of a section's materials; None where they are not estimated.
         sensor_places: of each sensor of unknown height in a section: in which material it probably is.
         disturbance: heat that the model does not know, as the interval counts it; None where none was found or asked
             for.
@@ -117,6 +120,7 @@ class Estimate(ResultObject):
     parameters: dict[str, tuple[float, float]] = field(default_factory=dict, repr=False)
     disturbance: Disturbance | None = None
     sensor_places: dict[str, SensorPlace] = field(default_factory=dict)
+    materials: MaterialValues | None = None
 
     def conf_int(self, level: float = 0.95) -> tuple[float, float]:
         """The confidence interval of the diffusivity at a level, m2/s.
@@ -166,7 +170,10 @@ class Estimate(ResultObject):
                 if self.reliable
                 else [str(average) for average in self.thermal.average_methods]
             )
-        lines += [f"{_LABELS.get(name, name):<12} {one}" for name, one in self.wall_parameters.items()]
+        if self.materials is None:
+            lines += [f"{_LABELS.get(name, name):<12} {one}" for name, one in self.wall_parameters.items()]
+        else:
+            lines.append(str(self.materials))
         if self.identifiability is not None and len(self.identifiability.names) > 1:
             lines.append(f"identifiable {self.identifiability}")
         if self.variance_shares:
@@ -220,6 +227,7 @@ class Estimate(ResultObject):
             "wall_parameters": {name: one.result() for name, one in self.wall_parameters.items()},
             "thermal": self.thermal,
             "disturbance": self.disturbance,
+            "materials": self.materials,
             "sensor_places": {name: place.to_dict() for name, place in self.sensor_places.items()},
         }
         return plain_value(entries)

@@ -113,9 +113,14 @@ def collinearity_index(sensitivity: np.ndarray) -> float:
 
 
 def identifiability(case: Case, fit: GLSFit) -> Identifiability:
-    """Which parameters of a fit the record identifies: diffusivity, conductivity, instrument errors, the wall's own."""
-    kinds = (LOG_DIFFUSIVITY, "sensor_offset", "sensor_position", "face_position", WallParameters.kind)
-    extra = [kind for kind in dict.fromkeys(map(kind_of, fit.names)) if kind not in (*kinds, *_OTHER_KINDS)]
+    """Which parameters of a fit the record identifies: diffusivity, conductivity, instrument errors, the wall's own.
+
+    The materials of a section are left out: the readings depend on their ratios only (`material_values`).
+    """
+    kinds = (LOG_DIFFUSIVITY, "sensor_offset", "sensor_position", "face_position")
+    kinds = kinds if case.section is not None else (*kinds, WallParameters.kind)
+    hidden = (WallParameters.kind,) if case.section is not None else ()
+    extra = [kind for kind in dict.fromkeys(map(kind_of, fit.names)) if kind not in (*kinds, *hidden, *_OTHER_KINDS)]
     columns = fit.indices(*kinds, *extra, LOG_CONDUCTIVITY, PLATE_GAIN).tolist()
     S = _projected_sensitivity(fit, columns)
     order = range(len(columns))

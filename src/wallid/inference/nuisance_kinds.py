@@ -184,7 +184,7 @@ class SensorHeights(NuisanceKind):
         uncertain = [k for k, sensor in enumerate(point.case.sensors) if has_uncertain_height(point.case, sensor)]
         for number, k in enumerate(uncertain):
             sensor = point.case.sensors[k]
-            deviations = height_deviations(point.case, point.data, point.diffusivity, sensor)
+            deviations = height_deviations(point.case, point.data, point.diffusivity, sensor, point.wall)
             found = principal_components(deviations, candidate_heights(point.case, sensor)[1])
             own = slice(COMPONENTS * number, COMPONENTS * (number + 1))
             columns[own, :, k] = found.components
@@ -213,13 +213,15 @@ class FacePositions(NuisanceKind):
 
 
 class WallParameters(NuisanceKind):
-    """The wall's own parameters: logarithms of layer conductivities and of film lengths."""
+    """The wall's own parameters: logarithms of layer conductivities, of film lengths, of a section's materials."""
 
-    kind, source_of_variance = "wall", "layers and films"
+    kind, source_of_variance = "wall", "layers, films and materials"
 
     def parameters(self, case: Case, window: Window) -> Iterable[Parameter]:
         """The parameters that the options of the case name."""
-        return (Parameter(f"{self.kind}[{name}]", prior_std=prior_std_of(name)) for name in free_wall_parameters(case))
+        return (
+            Parameter(f"{self.kind}[{name}]", prior_std=prior_std_of(case, name)) for name in free_wall_parameters(case)
+        )
 
     def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
         """The effect by central differences of the full-order model."""

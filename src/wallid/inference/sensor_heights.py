@@ -21,7 +21,7 @@ from ..case.initial_profile import scales
 from ..case.wall_and_sensors import Sensor
 from ..models.finite_volume_wall import Output
 from ..models.sensitivity_equations import explicit
-from ..models.wall_parameters import model_at
+from ..models.wall_parameters import free_wall_parameters, model_at
 from ..models.window_inputs import WindowData
 
 COMPONENTS = 3
@@ -66,11 +66,18 @@ class Deviations(NamedTuple):
     slopes: np.ndarray
 
 
-def height_deviations(case: Case, data: WindowData, diffusivity: float, sensor: Sensor) -> Deviations:
-    """The deviations of a sensor at its candidate heights, at a diffusivity in m2/s."""
+def height_deviations(case: Case, data: WindowData, diffusivity: float, sensor: Sensor, wall: np.ndarray) -> Deviations:
+    """The deviations of a sensor at its candidate heights.
+
+    Args:
+        data: of the window.
+        diffusivity: m2/s.
+        sensor: whose height is not known.
+        wall: values of the case's free wall parameters, in prior standard deviations.
+    """
     heights, _ = candidate_heights(case, sensor)
     outputs = [Output(sensor.position, height=float(height)) for height in heights]
-    system = model_at(case, (), np.zeros(0), [*outputs, Output(sensor.position, height=sensor.height)])
+    system = model_at(case, free_wall_parameters(case), wall, [*outputs, Output(sensor.position, height=sensor.height)])
     fourier = scales(case).fourier_number(diffusivity)
     u, theta = explicit(system, on_device(fourier), data)
     kelvin = float(data.temperature)

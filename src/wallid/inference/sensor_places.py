@@ -19,6 +19,7 @@ from .._internal.result_object import ResultObject
 from ..case.case_definition import Case
 from ..case.wall_and_sensors import Sensor
 from .gls_fit import GLSFit
+from .nuisance_kinds import WallParameters
 from .parameters import target_of
 from .sensor_heights import HEIGHT_KIND, candidate_heights, component_name, has_uncertain_height, height_deviations
 
@@ -122,8 +123,8 @@ def _costs(case: Case, fit: GLSFit, number: int, sensor: Sensor) -> np.ndarray:
         rows = np.concatenate([whitening @ readings, np.broadcast_to(priors[:, None], (count - 1, readings.shape[1]))])
         return rows - basis @ (basis.T @ rows)
 
-    data, bins = fit.problem.data, fit.problem.bins
-    deviations = height_deviations(case, data, fit.diffusivity, sensor).readings
+    data, bins, wall = fit.problem.data, fit.problem.bins, fit.z[fit.indices(WallParameters.kind)]
+    deviations = height_deviations(case, data, fit.diffusivity, sensor, wall).readings
     mean = candidate_heights(case, sensor)[1] @ deviations
     rows = np.zeros((*deviations.shape, data.observed.shape[1]))
     rows[:, :, number] = deviations - mean

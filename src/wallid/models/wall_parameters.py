@@ -1,4 +1,4 @@
-"""The wall parameters that can be estimated besides the effective diffusivity: of layers and of surface films.
+"""The wall parameters that can be estimated besides the effective diffusivity: of layers, surface films, materials.
 
 Each one is a logarithm with a normal prior about the case's value, in units of the prior standard deviation:
 
@@ -6,6 +6,9 @@ Each one is a logarithm with a normal prior about the case's value, in units of 
   case. The diffusivity of layer i is `alpha (k_i / k_eff) / (c_i / c_eff)`, so only the ratios of conductivities count.
 - `film_left`, `film_right`: `ln(k / h)`, for a face whose column in the record is the air temperature. The prior mean
   has the case's `k` (1 W/m/K where it is not stated) and the standard film coefficient `h`.
+- `conductivity of NAME`, `heat_capacity of NAME`: `ln(k)` and `ln(c)` of a material of a section, about the stated. The
+  prior standard deviation is its `uncertainty`. The model scales with the diffusivity of the equivalent
+  wall, so the readings depend on the ratios of conductivities and of capacities only.
 
 Source: ISO 6946 for the surface coefficients.
 """
@@ -22,13 +25,15 @@ from ..case.case_definition import Case
 from ..case.initial_profile import profile_degree
 from ..case.wall_and_sensors import Wall
 from .finite_volume_wall import HeatProfile, Output, finite_volume_model, grid
-from .section.section_state_space import section_modes
+from .section.section_state_space import SectionModes, section_modes, section_over_range
 from .state_space import StateSpace
 
 LAYER_STD = 0.5  # of ln(k_i / k_1)
 FILM_STD = 1.0  # of ln(k / h)
 R_INSIDE, R_OUTSIDE = 0.13, 0.04
 """Surface resistances inside and outside (ISO 6946), m2 K/W."""
+MATERIAL_VALUES = ("conductivity", "heat_capacity")
+"""Beginning of the names of a material's parameters, and their names as keys of the case."""
 _BOUND = 4.0  # of the search, in prior standard deviations
 
 
@@ -37,12 +42,22 @@ def free_wall_parameters(case: Case) -> tuple[str, ...]:
     names: list[str] = []
     for choice in case.choices.free:
         layers = [f"layer {number}" for number in range(2, len(case.wall.layers) + 1)]
-        names += layers if choice == "layers" else [choice]
+        names += layers if choice == "layers" else material_parameters(case) if choice == "materials" else [choice]
     return tuple(names)
 
 
-def prior_std_of(name: str) -> float:
+def material_parameters(case: Case) -> list[str]:
+    """The names of the values of a section's materials that are not known exactly."""
+    materials = () if case.section is None else case.section.materials
+    uncertain = [material.name for material in materials if material.uncertainty > 0.0]
+    return [f"{kind} of {name}" for kind in MATERIAL_VALUES for name in uncertain]
+
+
+def prior_std_of(case: Case, name: str) -> float:
     """Standard deviation of the prior of a wall parameter's logarithm."""
+    kind, _, material = name.partition(" of ")
+    if kind in MATERIAL_VALUES and case.section is not None:
+        return next(one.uncertainty for one in case.section.materials if one.name == material)
     return LAYER_STD if name.startswith("layer") else FILM_STD
 
 
@@ -81,6 +96,25 @@ def layer_ratios(case: Case, names: Sequence[str], values: np.ndarray) -> np.nda
     return np.array([k / c for _, k, c in wall_at(case, names, values).relative_layers()])
 
 
+def materials_at(case: Case, names: Sequence[str], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Conductivities and heat capacities of a section's materials, W/m/K and J/m3/K, at these parameters."""
+    assert case.section is not None
+    factors = {name: math.exp(prior_std_of(case, name) * z) for name, z in zip(names, values, strict=True)}
+    conductivity, heat_capacity = (
+        np.array([getattr(one, kind) * factors.get(f"{kind} of {one.name}", 1.0) for one in case.section.materials])
+        for kind in MATERIAL_VALUES
+    )
+    return conductivity, heat_capacity
+
+
+def section_modes_at(case: Case, names: Sequence[str], values: np.ndarray) -> SectionModes:
+    """The modes of a case's section at these parameters; without any, those of the stated materials."""
+    assert case.section is not None
+    if not names:
+        return section_modes(case.section)
+    return section_over_range(case.section).modes_at(*materials_at(case, names, values))
+
+
 def model_at(
     case: Case,
     names: Sequence[str],
@@ -100,7 +134,7 @@ def model_at(
         heat: profiles of heat, as inputs after the boundary temperatures.
     """
     if case.section is not None:
-        return section_modes(case.section).state_space(outputs, profile_degree(case), heat)
+        return section_modes_at(case, names, values).state_space(outputs, profile_degree(case), heat)
     films = film_lengths_at(case, names, values)
     return finite_volume_model(
         wall_at(case, names, values),

@@ -175,6 +175,11 @@ def full_order_model(
     return model if is_traced(*layers) else model.modal()
 
 
+def order_of_full_model(case: Case) -> int:
+    """The number of states of `full_order_model`."""
+    return case.choices.nodes - 2 if case.section is None else len(section_modes(case.section).rates)
+
+
 @lru_cache(maxsize=32)
 def _model_in_modes(
     wall: Wall, outputs: tuple[Output, ...], nodes: int, degree: int, heat: tuple[HeatProfile, ...]

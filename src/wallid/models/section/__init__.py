@@ -7,7 +7,7 @@ from .material_sensitivity import material_sensitivity
 from .reduced_section import ReducedSection, reduce_section
 from .section_response import section_response
 from .section_solution import SectionSolution, solve_section
-from .section_state_space import SectionModes, section_modes
+from .section_state_space import SectionModes, SectionProjection, section_modes, section_over_range
 from .steady_section import EquivalentWall, SteadySection, equivalent_wall, heat_flux, steady_section
 from .tensor_mesh import TensorMesh, section_mesh
 
@@ -19,6 +19,7 @@ __all__ = [
     "SectionModel",
     "SectionModes",
     "SectionPoint",
+    "SectionProjection",
     "SectionSolution",
     "SteadySection",
     "TensorMesh",
@@ -29,6 +30,7 @@ __all__ = [
     "reduce_section",
     "section_mesh",
     "section_modes",
+    "section_over_range",
     "section_response",
     "solve_section",
     "steady_section",

@@ -57,8 +57,11 @@ class AffineModel:
         """E, K and B for values of the materials, W/m/K and J/m3/K."""
         E = sum((c * part for c, part in zip(heat_capacity, self.capacity, strict=True)), 0.0 * self.capacity[0])
         K = sum((k * part for k, part in zip(conductivity, self.conduction, strict=True)), self.film)
-        B = sum((k * part for k, part in zip(conductivity, self.drive, strict=True)), self.film_drive)
-        return E, K, B
+        return E, K, self.drive_at(conductivity)
+
+    def drive_at(self, conductivity: np.ndarray) -> np.ndarray:
+        """B for conductivities of the materials, W/m/K."""
+        return sum((k * part for k, part in zip(conductivity, self.drive, strict=True)), self.film_drive)
 
     def projected(self, basis: np.ndarray) -> AffineModel:
         """The model on the columns of a basis, which keeps it symmetric and affine.

@@ -2,9 +2,10 @@
 
     z' = (Fo A + A0) z + (Fo B + B0) q,      u = C z + D q
 
-The full-order model at the stated values is projected on rational Krylov snapshots (`krylov_basis`) and taken in its
-modes. Its diffusivity is that of the equivalent homogeneous wall, so estimate, design and intervals take it like the
-model of a homogeneous wall.
+The full-order model is projected on rational Krylov snapshots (`krylov_basis`) and taken in its modes. Its diffusivity
+is that of the equivalent homogeneous wall, so estimate, design and intervals take it like the model of a homogeneous
+wall. Where the ratios of the materials are estimated too, the basis holds for the range of their priors, and the modes
+are made anew at each value: the projected matrices are affine in the conductivity and capacity of each material.
 
 The initial profile's coefficients belong to fields p_0, p_1, ... that have the values of 1, x*, x*^2, ... at the faces:
 p_0 is 1, p_1 the steady state, and the others are `K p_d = (E / c) (k / L^2) d (d - 1) x*^(d - 2)` with the equivalent
@@ -24,34 +25,39 @@ from ..._internal.progress import no_progress
 from ...case.section.section_definition import Section
 from ..finite_volume_wall import HeatProfile, Output, with_heat_inputs
 from ..state_space import StateSpace
-from .affine_model import Factorised
+from .affine_model import AffineModel, Factorised
 from .full_order_section import SectionModel, SectionPoint, full_order_section, output_rows
-from .krylov_basis import generalised_modes, log_frequencies, orthonormal_basis, snapshots
-from .steady_section import EquivalentWall, equivalent_wall
+from .krylov_basis import Values, generalised_modes, log_frequencies, orthonormal_basis, snapshots
+from .material_range import MaterialRange
+from .steady_section import EquivalentWall
 
 _PERIODS = 600.0, 100.0 * 86400.0  # s, of the shifts: wide, so that one basis serves all diffusivities
 _SHIFTS = 16
-_PROFILE_DEGREE = 2  # the highest of an initial profile
 _ORDER = 40  # of all sections of more than one material: one compilation serves them
+_ORDER_OF_RANGE = 80  # where the ratios of the materials are estimated
+_VALUES_OF_RANGE = 16  # of the materials, with snapshots
 
 
 @dataclass(frozen=True, eq=False)
 class SectionModes:
-    """A section's modes at the stated values of its materials.
+    """A section's modes at some values of its materials.
 
     Args:
         section: the full-order model, without outputs.
+        conductivity, heat_capacity: of the materials, W/m/K and J/m3/K.
         equivalent: the homogeneous wall.
         rates: f < 0, 1/s.
         vectors: the modes at the nodes of the full-order model, of mean square 1 by heat content, `(state, mode)`.
-        weighted: their products with the nodes' share of the heat capacity: a field's amplitudes in the modes.
+        profile: the modes' amplitudes in the initial profile's fields, `(mode, param)`.
     """
 
     section: SectionModel
+    conductivity: np.ndarray
+    heat_capacity: np.ndarray
     equivalent: EquivalentWall
     rates: np.ndarray
     vectors: np.ndarray
-    weighted: np.ndarray
+    profile: np.ndarray
 
     def state_space(
         self, outputs: Sequence[Output], profile_degree: int = 2, heat: Sequence[HeatProfile] = ()
@@ -68,7 +74,7 @@ class SectionModes:
             InputError: a position outside the section.
         """
         own, model = self.section.section, self.section.model
-        _, _, drive = model.at(self.section.conductivity, self.section.heat_capacity)
+        drive = model.drive_at(self.conductivity)
         per_rate = own.length**2 / self.equivalent.diffusivity  # from 1/s to multiples of alpha / L^2
         C, D = self._outputs(outputs)
         states = StateSpace(
@@ -76,7 +82,7 @@ class SectionModes:
             B=per_rate / self.capacity * self.vectors.T @ drive,
             C=C,
             D=D,
-            P=self.weighted.T @ self._profile_fields[:, : profile_degree + 1],
+            P=self.profile[:, : profile_degree + 1],
             output_names=tuple(output.name for output in outputs),
         )
         return with_heat_inputs(states, self.vectors.T @ self._heat_shares(heat)) if heat else states
@@ -112,30 +118,12 @@ class SectionModes:
         share = (x - middles[first]) / (middles[first + 1] - middles[first])
         row = np.zeros(mesh.shape)
         for cell, weight in ((first, 1.0 - share), (first + 1, share)):
-            k = self.section.conductivity[mesh.cells[:, cell]] / self.equivalent.conductivity
+            k = self.conductivity[mesh.cells[:, cell]] / self.equivalent.conductivity
             each = 0.5 * weight * k * np.diff(mesh.y) / own.height * own.length / (mesh.x[cell + 1] - mesh.x[cell])
             for half in (slice(None, -1), slice(1, None)):
                 row[half, cell] += each
                 row[half, cell + 1] -= each
         return row.ravel()
-
-    @cached_property
-    def _profile_fields(self) -> np.ndarray:
-        """The fields of the initial profile's coefficients at the nodes that are states, `(state, param)`."""
-        degree = _PROFILE_DEGREE
-        own, model = self.section.section, self.section.model
-        E, K, drive = model.at(self.section.conductivity, self.section.heat_capacity)
-        solver = Factorised(-K)
-        x = np.tile(self.section.mesh.x / own.length, len(self.section.mesh.y))[self.section.unknown]
-        edges = np.array([[1.0, *np.zeros(degree)], np.ones(degree + 1)])
-        fields = []
-        for power in range(degree + 1):
-            source = np.zeros(len(x))
-            if power >= 2:
-                shape = power * (power - 1) * x ** (power - 2)
-                source = E @ shape * (self.equivalent.diffusivity / own.length**2)
-            fields.append(solver.solve(drive @ edges[:, power] - source))
-        return np.stack(fields, axis=1)
 
     def _heat_shares(self, profiles: Sequence[HeatProfile]) -> np.ndarray:
         """The share of each profile's heat that is released in each state's node, `(state, profile)`."""
@@ -148,6 +136,52 @@ class SectionModes:
         return np.stack(columns, axis=1)
 
 
+@dataclass(frozen=True, eq=False)
+class SectionProjection:
+    """A section's full-order model projected on a basis, for some range of its materials' values.
+
+    Args:
+        section: the full-order model, without outputs.
+        basis: its columns, `(state, column)`.
+    """
+
+    section: SectionModel
+    basis: np.ndarray
+
+    @cached_property
+    def _projected(self) -> AffineModel:
+        """The model on the basis."""
+        return self.section.model.projected(self.basis)
+
+    def equivalent_at(self, conductivity: np.ndarray, heat_capacity: np.ndarray) -> EquivalentWall:
+        """The equivalent homogeneous wall at some values of the materials, W/m/K and J/m3/K.
+
+        The heat flow is that which leaves the left face for 1 K across the wall.
+        """
+        own, model = self.section.section, self._projected
+        _, K, drive = model.at(conductivity, heat_capacity)
+        steady = np.linalg.solve(-K, drive[:, 0])
+        flow = float(self.section.model.drive_at(conductivity)[:, 0].sum() - drive[:, 0] @ steady)
+        resistance = own.height / flow
+        return EquivalentWall(own.length / resistance, float(own.areas @ heat_capacity), resistance)
+
+    def modes_at(self, conductivity: np.ndarray, heat_capacity: np.ndarray) -> SectionModes:
+        """The modes at some values of the materials, W/m/K and J/m3/K."""
+        equivalent, own = self.equivalent_at(conductivity, heat_capacity), self.section.section
+        E, K, drive = self._projected.at(conductivity, heat_capacity)
+        rates, modes = generalised_modes(E, K)
+        uniform = self._projected.P[:, 0]
+        per_rate = own.length**2 / equivalent.diffusivity
+        edges = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+        sources = np.stack([0.0 * uniform, 0.0 * uniform, 2.0 / per_rate * E @ uniform], axis=1)
+        fields = np.linalg.solve(-K, drive @ edges - sources)
+        scale = np.sqrt(equivalent.heat_capacity * own.length * own.height)
+        vectors = scale * (self.basis @ modes)
+        return SectionModes(
+            self.section, conductivity, heat_capacity, equivalent, rates, vectors, modes.T @ E @ fields / scale
+        )
+
+
 @lru_cache(maxsize=8)
 def section_modes(section: Section) -> SectionModes:
     """The modes of a section at the stated values of its materials, computed once for a section.
@@ -156,16 +190,36 @@ def section_modes(section: Section) -> SectionModes:
         InputError: an edge that is not adiabatic, so that there is no equivalent wall; a surface resistance, which does
             not scale with the materials' diffusivity.
     """
+    full = _full_order_model(section)
+    values = full.conductivity, full.heat_capacity
+    return SectionProjection(full, _basis(full, [values], _SHIFTS, _ORDER)).modes_at(*values)
+
+
+@lru_cache(maxsize=4)
+def section_over_range(section: Section) -> SectionProjection:
+    """A section's projection that holds for the range of its materials' priors, computed once for a section.
+
+    Raises:
+        InputError: as in `section_modes`.
+    """
+    full, materials = _full_order_model(section), MaterialRange.of(section)
+    points = np.vstack([np.zeros((1, 2 * len(section.materials))), materials.points(_VALUES_OF_RANGE - 1, 0)])
+    values = [materials.at(point) for point in points]
+    return SectionProjection(full, _basis(full, values, _SHIFTS // 2, _ORDER_OF_RANGE))
+
+
+def _full_order_model(section: Section) -> SectionModel:
+    """The full-order model of a section that an estimate takes, without outputs."""
     if reason := section.why_not_estimated:
         raise InputError(f"[section]: {reason}")
-    full = full_order_section(section, profile_degree=2)
-    equivalent = equivalent_wall(full)
-    assert equivalent is not None
-    values = full.conductivity, full.heat_capacity
-    columns = snapshots(full.model, [values], log_frequencies(*_PERIODS, _SHIFTS), no_progress)
-    basis = orthonormal_basis(full.model, columns, _ORDER)
-    E, K, _ = full.model.at(*values)
-    rates, modes = generalised_modes(basis.T @ (E @ basis), basis.T @ (K @ basis))
-    total = equivalent.heat_capacity * section.length * section.height
-    vectors = basis @ modes * np.sqrt(total)
-    return SectionModes(full, equivalent, rates, vectors, E @ vectors / total)
+    return full_order_section(section, profile_degree=2)
+
+
+def _basis(full: SectionModel, values: Sequence[Values], shifts: int, order: int) -> np.ndarray:
+    """A basis from snapshots at some values of the materials, the second field of the initial profile among them."""
+    columns = [snapshots(full.model, values, log_frequencies(*_PERIODS, shifts), no_progress)]
+    for conductivity, heat_capacity in values:
+        E, K, _ = full.model.at(conductivity, heat_capacity)
+        field = Factorised(-K).solve(E @ np.ones(E.shape[0]))
+        columns.append((field / field.max())[:, None])
+    return orthonormal_basis(full.model, np.concatenate(columns, axis=1), order)
