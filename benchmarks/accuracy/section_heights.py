@@ -5,13 +5,15 @@
 Each wall is another coursed rubble, simulated by finite elements (`section_by_finite_elements`) between smooth faces:
 all its conductivities are a common factor times the stated ones. Three sensors are at known distances from the left
 face and at random heights. Each record is estimated through the section with the heights as known and as unknown, and
-as a homogeneous wall in one dimension.
+as a homogeneous wall in one dimension. `--diagnose` adds the diagnosis in one dimension with the stated section and
+unknown heights, with its effect `heterogeneity`.
 
 Each record's outcome is appended to a log of JSON lines, so that a long run goes on where it ended.
 """
 
 import argparse
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +33,7 @@ STEP, FINE = 1800.0, 300.0  # s
 SENSOR_STD, FACE_STD, POSITION_STD = 0.05, 0.02, 0.002  # K, K, m
 ELEMENT = 0.02  # m
 METHODS = ("known", "unknown", "one dimension")
+DIAGNOSIS = "diagnosis"
 DECIDED = 9.0  # of -2 log L between the materials
 KEYS = ("number",)
 SEED = 2903  # fixed before the first record was estimated
@@ -66,12 +69,8 @@ def simulated(
     return readings + noise, wall.diffusivity
 
 
-def estimated(number: int) -> dict[str, Any]:
-    """The errors and standard errors of one record by each method, and where its sensors were found."""
-    import jax
-
-    jax.config.update("jax_enable_x64", True)
-    import wallid
+def record(number: int) -> tuple[Any, pd.DataFrame, np.ndarray, float, float]:
+    """A wall's section, its record, its sensors' heights, its diffusivity, and the factor of its conductivities."""
     from wallid.case.section import SectionMaterial, section_of_regions
 
     rng = np.random.default_rng([SEED, number])
@@ -81,21 +80,36 @@ def estimated(number: int) -> dict[str, Any]:
     section = section_of_regions(LENGTH, HEIGHT, [SectionMaterial(k, *v) for k, v in MATERIALS.items()], regions)
     frame = pd.DataFrame(readings, columns=["left", "right", "T1", "T2", "T3"])
     frame.insert(0, "time", STEP * np.arange(len(frame)))
+    return section, frame, heights, truth, factor
+
+
+def case_of(section: Any, frame: pd.DataFrame, heights: Sequence[float | None], *, in_section: bool = True) -> Any:
+    """The case of a record, with its sensors' heights as they are stated."""
+    import wallid
+
+    sensors = [
+        wallid.Sensor(f"T{k + 1}", x, noise_std=SENSOR_STD, position_std=POSITION_STD, height=height)
+        for k, (x, height) in enumerate(zip(PLACES, heights, strict=True))
+    ]
+    return wallid.Case.from_dataframe(
+        frame, time="time", left="left", right="right", wall=wallid.Wall(LENGTH, section.diffusivity_prior),
+        sensors=sensors, section=section if in_section else None, model="lom", boundary_noise_std=FACE_STD,
+        window_days=DAYS,
+    )  # fmt: skip
+
+
+def estimated(number: int) -> dict[str, Any]:
+    """The errors and standard errors of one record by each method, and where its sensors were found."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import wallid
+
+    section, frame, heights, truth, factor = record(number)
     outcome: dict[str, Any] = {"number": number, "factor": factor, "sensors": []}
     for method in METHODS:
-        sensors = [
-            wallid.Sensor(
-                f"T{k + 1}", x, noise_std=SENSOR_STD, position_std=POSITION_STD,
-                height=float(heights[k]) if method == "known" else None,
-            )
-            for k, x in enumerate(PLACES)
-        ]  # fmt: skip
-        case = wallid.Case.from_dataframe(
-            frame, time="time", left="left", right="right", wall=wallid.Wall(LENGTH, section.diffusivity_prior),
-            sensors=sensors, section=None if method == "one dimension" else section, model="lom",
-            boundary_noise_std=FACE_STD, window_days=DAYS,
-        )  # fmt: skip
-        fit = wallid.estimate(case)
+        stated = heights.tolist() if method == "known" else (None,) * len(PLACES)
+        fit = wallid.estimate(case_of(section, frame, stated, in_section=method != "one dimension"))
         low, high = fit.interval_95
         outcome[method] = {
             "error": float(np.log(fit.value / truth)),
@@ -103,28 +117,75 @@ def estimated(number: int) -> dict[str, Any]:
             "inside": bool(low <= truth <= high),
             "reliable": fit.reliable,
         }
-        for k, sensor in enumerate(sensors if method == "unknown" else ()):
-            if (place := fit.sensor_places.get(sensor.name)) is not None:
-                true = section.material_at(PLACES[k], float(heights[k])).name
-                outcome["sensors"].append(
-                    {"true": true, "found": place.material, "deviance": place.deviance, "share": place.materials[true]}
-                )
+        for k, place in enumerate(fit.sensor_places.values() if method == "unknown" else ()):
+            true = section.material_at(PLACES[k], float(heights[k])).name
+            outcome["sensors"].append(
+                {"true": true, "found": place.material, "deviance": place.deviance, "share": place.materials[true]}
+            )
     return outcome
+
+
+def diagnosed(number: int) -> dict[str, Any]:
+    """What a diagnosis in one dimension finds of the same record, with the stated section and unknown heights."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import wallid
+
+    section, frame, _, truth, _ = record(number)
+    found = wallid.diagnose(case_of(section, frame, (None,) * len(PLACES)))
+    low, high = found.interval_95
+    heterogeneity = found.heterogeneity
+    return {
+        "number": number,
+        DIAGNOSIS: {
+            "error": float(np.log(found.final.diffusivity / truth)),
+            "std": found.final.log_std,
+            "inside": bool(low <= truth <= high),
+            "reliable": found.verdict in ("adequate", "named", "confusable"),
+        },
+        "verdict": found.verdict,
+        "names": [one.effect_parameters.effect.name for one in found.effects],
+        "shown": bool(heterogeneity is not None and heterogeneity.is_clear),
+        "size": None if heterogeneity is None else [heterogeneity.size, heterogeneity.std],
+        "evidence": None if heterogeneity is None else heterogeneity.evidence,
+    }
+
+
+def summary_of_diagnoses(outcomes: list[dict]) -> str:
+    """Coverage and verdicts of the diagnoses."""
+    verdicts = {name: sum(one["verdict"] == name for one in outcomes) for name in {one["verdict"] for one in outcomes}}
+    named = sum(bool(one["names"]) for one in outcomes)
+    shown, evidence = sum(one["shown"] for one in outcomes), [one["evidence"] for one in outcomes]
+    sizes = np.array([one["size"] for one in outcomes])
+    known = np.isfinite(sizes[:, 1]) & (sizes[:, 1] > 0)
+    z = (sizes[known, 0] - 1.0) / sizes[known, 1]
+    return "\n".join(
+        [
+            _line(DIAGNOSIS, outcomes),
+            f"heterogeneity shown in {shown} of {len(outcomes)}; median evidence {np.median(evidence):.0f}; size "
+            f"{np.median(sizes[:, 0]):.2f} in the median, z of size - 1: {z.mean():+.2f} +- {z.std():.2f}",
+            f"verdicts {verdicts}; another effect named in {named}",
+        ]
+    )
+
+
+def _line(method: str, outcomes: list[dict]) -> str:
+    """Coverage and z of a method."""
+    own = [one[method] for one in outcomes]
+    z = np.array([one["error"] / one["std"] for one in own])
+    hits = sum(one["inside"] for one in own)
+    low, high = interval(hits, len(own))
+    return (
+        f"{method:<14} {hits} of {len(own)} ({hits / len(own):.1%}, {low:.1%} to {high:.1%}); z {z.mean():+.2f} +- "
+        f"{z.std():.2f}; median standard error {np.median([one['std'] for one in own]):.2%}; "
+        f"called reliable {sum(one['reliable'] for one in own)}"
+    )
 
 
 def summary(outcomes: list[dict]) -> str:
     """Coverage and z of each method, and how often a sensor's material was right."""
-    lines = []
-    for method in METHODS:
-        own = [one[method] for one in outcomes]
-        z = np.array([one["error"] / one["std"] for one in own])
-        hits = sum(one["inside"] for one in own)
-        low, high = interval(hits, len(own))
-        lines.append(
-            f"{method:<14} {hits} of {len(own)} ({hits / len(own):.1%}, {low:.1%} to {high:.1%}); z {z.mean():+.2f} +- "
-            f"{z.std():.2f}; median standard error {np.median([one['std'] for one in own]):.2%}; "
-            f"called reliable {sum(one['reliable'] for one in own)}"
-        )
+    lines = [_line(method, outcomes) for method in METHODS]
     sensors = [sensor for one in outcomes for sensor in one["sensors"]]
     decided = [sensor for sensor in sensors if sensor["deviance"] is not None and sensor["deviance"] >= DECIDED]
     right = sum(sensor["true"] == sensor["found"] for sensor in decided)
@@ -141,12 +202,13 @@ def main() -> None:
     """Run what the log does not have yet, and print the summary."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--records", type=int, default=400)
+    parser.add_argument("--diagnose", action="store_true", help="diagnose the records; needs a log of its own")
     parser.add_argument("--log", type=Path, default=Path("section_heights.jsonl"))
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     arguments = parser.parse_args()
     tasks = [(number,) for number in range(arguments.records)]
-    done = resumed(arguments.log, tasks, estimated, lambda number: (number,), KEYS, arguments.workers)
-    print(summary(done))
+    work, show = (diagnosed, summary_of_diagnoses) if arguments.diagnose else (estimated, summary)
+    print(show(resumed(arguments.log, tasks, work, lambda number: (number,), KEYS, arguments.workers)))
 
 
 if __name__ == "__main__":

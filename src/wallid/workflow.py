@@ -230,14 +230,13 @@ def _run_stages(
 def _can_be_screened(result: Run) -> bool:
     """Whether there is an estimate of the plain model, which alone is tested, and a temperature to test it with.
 
-    The library's effects are those of a wall in one dimension.
+    With further parameters of the wall free, the fitted model is not the plain one.
     """
     if result.fit is None and result.campaign is None:
         return False
     case = result.case
     window = diagnosis_window(case)
-    one_dimension = not case.choices.free and case.section is None
-    return one_dimension and bool(np.isfinite(case.record.sensors[window.as_slice]).any())
+    return not case.choices.free and bool(np.isfinite(case.record.sensors[window.as_slice]).any())
 
 
 class _StageProgress:

@@ -167,8 +167,3 @@ def test_the_common_factor_is_estimated_through_the_section(command, measured_ca
     solved = json.loads(command("section", measured_case, "--json").stdout)["section"]
     assert found["value"] == pytest.approx(FACTOR * solved["diffusivity"], rel=0.03)
     assert abs(np.log(found["value"] / (FACTOR * solved["diffusivity"]))) < 3 * found["std"] / found["value"]
-
-
-def test_effects_are_not_searched_for_in_two_dimensions(command, measured_case):
-    ended = command("diagnose", measured_case)
-    assert ended.exit_code == 2 and "leave [section] out" in ended.stderr

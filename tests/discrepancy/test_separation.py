@@ -109,3 +109,13 @@ def test_standard_error_is_that_of_least_squares():
     precision = np.diag(1.0 / one.prior_std**2)
     covariance = np.linalg.inv(2.0 * one.jacobian.T @ one.jacobian + precision)
     assert one.std(1, 2.0) == pytest.approx(np.sqrt(covariance[1, 1]))
+
+
+def test_other_distances_of_a_rival_without_an_expected_excess_are_finite():
+    """A rival that would fall behind by nothing, or even be better, has a finite covariance of the excess."""
+    inner = np.diag([4.0, 0.0, 9.0])
+    one = Separation(np.array([0.0, -2.0, 9.0]), inner, np.zeros(3))
+    moved = one.with_excess(np.array([4e12, 1e9, 36.0]))
+    assert np.isfinite(moved.inner).all() and moved.inner[2, 2] == pytest.approx(36.0)
+    assert moved.inner[0, 0] == pytest.approx(4e12) and moved.inner[1, 1] == 0.0
+    assert 0.0 <= moved.probability(np.full(3, 9.0), 0.1) <= 1.0

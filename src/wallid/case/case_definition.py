@@ -119,6 +119,11 @@ class Case(ResultObject):
             diffusivities = tuple(factor * self.wall.diffusivity_prior for factor in _LEARNING_FACTORS)
             set_fields(self, choices=replace(self.choices, learning_diffusivities=diffusivities))
 
+    def in_one_dimension(self) -> Case:
+        """The same case with a homogeneous wall in place of its section."""
+        sensors = tuple(replace(sensor, height=None, height_std=0.0) for sensor in self.sensors)
+        return replace(self, section=None, sensors=sensors, choices=replace(self.choices, free=()))
+
     def _check_section(self) -> None:
         """Refuse what the model of a section does not have."""
         if self.section is None:

@@ -429,6 +429,13 @@ def section(
             "--at", metavar="TIME", help="Draw the temperatures at this time of the record, such as 2026-01-31T12:00."
         ),
     ] = None,
+    one_dimension: Annotated[
+        bool,
+        typer.Option(
+            "--one-dimension",
+            help="What an estimate of a homogeneous wall would be off by, from the faces of the record.",
+        ),
+    ] = False,
     out: Out = DEFAULT_OUT,
     json: Json = False,
     quiet: Quiet = False,
@@ -438,6 +445,7 @@ def section(
 
     The case has `[wall]` and `[section]`: materials, and where they are, by rectangles or by a picture. The command
     gives the equivalent homogeneous wall, and the order and error of the reduced model. With --left and --right it
-    gives the steady temperatures at the sensors and the heat flow. It needs no record, except for --at.
+    gives the steady temperatures at the sensors and the heat flow. It needs no record, except for --at and
+    --one-dimension.
     """
-    run_section(case, left, right, at, out, json, quiet, formats)
+    run_section(case, left, right, at, one_dimension, out, json, quiet, formats)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 import time as clock
@@ -169,6 +170,7 @@ def run_section(
     left: float | None,
     right: float | None,
     at: str | None,
+    one_dimension: bool,
     out: Path,
     json: bool,
     quiet: bool,
@@ -178,12 +180,13 @@ def run_section(
 
     Args:
         name: of the case, as the user stated it.
-        left, right, at: the options with these names.
+        left, right, at, one_dimension: the options with these names.
         out, json, quiet, formats: the options with these names.
 
     Raises:
         typer.Exit: status 2 for invalid input.
     """
+    from ..estimation.one_dimension import cost_of_one_dimension
     from ..models.section.section_fields import temperatures_at
     from ..models.section.section_solution import solve_section
     from ..report import writer as report
@@ -200,15 +203,19 @@ def run_section(
             display.step("reading the case", 0.0)
             _configure_process()
             section = load_section(name)
-            temperatures = None
-            if at is not None:
-                with error_context("--at"):
+            temperatures = cost = None
+            if at is not None or one_dimension:
+                with error_context("--at" if at is not None else "--one-dimension"):
                     case = load(name)
-                temperatures = temperatures_at(case, row_at(case.record, "--at", at))
+                if at is not None:
+                    temperatures = temperatures_at(case, row_at(case.record, "--at", at))
+                if one_dimension:
+                    display.step("section: the cost of one dimension", 0.02)
+                    cost = cost_of_one_dimension(case)
             report.check_output_folder(out)
             began = clock.perf_counter()
             result = solve_section(section, left, right, progress=part_of(display.step, 0.05, 0.8))
-            result = replace(result, temperatures=temperatures)
+            result = replace(result, temperatures=temperatures, one_dimension=cost)
             cells = f"{result.cells} cells, reduced to order {result.order}"
             display.line(stage_line("section", cells, clock.perf_counter() - began))
             written = _written(display, partial(report.write_page, section_page(result), out, formats=figure_formats))
@@ -255,16 +262,11 @@ def _print_summary(result: workflow.Run, name: str, written: list[Path]) -> None
     lines = _summary(result, written)
     missing = result.screening is not None and bool(result.screening.missing)
     advice = f"next         wallid diagnose {shlex.quote(name)}:"
-    if result.case.section is None and (missing or "wallid diagnose" in result.unreliable_reason):
+    if missing or "wallid diagnose" in result.unreliable_reason:
         lines.append(f"{advice} name the missing effect, and correct the diffusivity")
-    elif result.fit is not None and _can_be_diagnosed(result) and not result.unreliable_reason:
+    elif result.fit is not None and result.diagnosis is None and not result.unreliable_reason:
         lines.append(f"{advice} search for effects that are missing from the model")
     print_output("\n".join(lines))
-
-
-def _can_be_diagnosed(result: workflow.Run) -> bool:
-    """Whether a diagnosis would say more: the library's effects are those of a wall in one dimension."""
-    return result.diagnosis is None and result.case.section is None
 
 
 def exit_with_error(error: InputError) -> NoReturn:
@@ -274,8 +276,14 @@ def exit_with_error(error: InputError) -> NoReturn:
 
 
 def _configure_process() -> None:
-    """Set JAX, XLA and BLAS for the process of the command."""
+    """Set JAX, XLA and BLAS for the process of the command.
+
+    The models are small and step through time: a graphics processor takes several times as long as the processor. It is
+    used only where the environment variable JAX_PLATFORMS asks for it.
+    """
     jax.config.update("jax_enable_x64", True)
+    if not os.environ.get("JAX_PLATFORMS"):
+        jax.config.update("jax_platforms", "cpu")
     prepare_xla()
     threadpool_limits(limits=1, user_api="blas")  # threads of LAPACK only wait for each other on thin matrices
 

@@ -93,7 +93,8 @@ def _places(run: Run) -> str:
 def _diagnose(run: Run) -> str:
     found = run.diagnosis
     assert found is not None
-    names = "; ".join(found.problem.label(named.effect_parameters.effect) for named in found.effects)
+    effects = [found.problem.label(named.effect_parameters.effect) for named in found.effects]
+    names = "; ".join([*(["heterogeneity"] if found.shows_heterogeneity else []), *effects])
     return f"{found.verdict}{names and f': {names}'}"
 
 

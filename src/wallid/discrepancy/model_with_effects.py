@@ -21,12 +21,13 @@ from .._internal.arrays import on_device
 from .._internal.xla_options import filter_jit_shortly
 from ..inference.likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, PLATE_GAIN, PROFILE_MODE
 from ..inference.noise_covariance import BinnedReadings
-from ..inference.nuisance_kinds import CommonNoise, FacePositions, SensorOffsets, SensorPositions
+from ..inference.nuisance_kinds import CommonNoise, FacePositions, SensorHeights, SensorOffsets, SensorPositions
 from ..inference.parameters import Parameters
 from .effects.base import AbstractEffect
 from .effects.equation_terms import ForcingData, Terms
 from .forward.first_order import BaseSolution, first_order_response, solve_base
 from .forward.response import face_response, simulate_readings
+from .heterogeneity.section_pattern import SectionPattern
 
 DEPTH_SIGNS = np.array([1.0, -1.0])
 """The depth inside the wall of each face's sensor, for one metre to the right of the face."""
@@ -44,6 +45,7 @@ class ModelWithEffects(eqx.Module):
         effects: those that the record can be tested for, and those of columns that were not logged.
         log_prior: ln of the prior diffusivity, alpha in m2/s.
         reference_conductivity: of the parameter `log_conductivity`, W/m/K; of no effect without a plate.
+        pattern: what a section of several materials changes; None for a wall in one dimension.
         sensors: names of the inner sensors.
         substeps: steps between two rows of the implicit solver and of the first-order response.
     """
@@ -52,6 +54,7 @@ class ModelWithEffects(eqx.Module):
     effects: tuple[AbstractEffect, ...]
     log_prior: Float[Array, ""]
     reference_conductivity: Float[Array, ""]
+    pattern: SectionPattern | None
     sensors: tuple[str, ...] = eqx.field(static=True)
     substeps: int = eqx.field(static=True)
 
@@ -60,10 +63,21 @@ class ModelWithEffects(eqx.Module):
         terms, profile = self.terms(parameters, linear=linear), self.profile(parameters)
         diffusivity = self.diffusivity(parameters)
         readings = simulate_readings(terms, self.forcing, diffusivity, profile, linear=linear, substeps=self.substeps)
+        if self.pattern is not None:
+            readings = readings + self.change_by_pattern(parameters)
         if not self.sensors:
             return readings
         common = self.forcing.common_noise @ parameters.vector(parameters.of_kind(CommonNoise.kind))
         return readings.at[:, : len(self.sensors)].add(common[:, None])
+
+    def change_by_pattern(self, parameters: Parameters) -> Float[Array, "time instrument"]:
+        """What the section's pattern changes in the readings, K, and W/m2 of the plates."""
+        assert self.pattern is not None
+        amplitudes = parameters.vector(parameters.of_kind(SensorHeights.kind))
+        change = self.pattern.change(jnp.log(self.diffusivity(parameters)), amplitudes)
+        plates = change.shape[1] - len(self.sensors)
+        scale = jnp.concatenate([jnp.ones(len(self.sensors)), jnp.full(plates, self.conductivity(parameters))])
+        return change * scale
 
     def base_solution(self, parameters: Parameters) -> BaseSolution:
         """The solution of the linear part of the wall, about which the effects are linearised."""

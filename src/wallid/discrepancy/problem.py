@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
@@ -22,7 +23,7 @@ from ..case.wall_and_sensors import SIDES
 from ..inference.likelihood import LOG_DIFFUSIVITY, PLATE_GAIN
 from ..inference.noise_covariance import BinnedReadings, NoiseShape, bin_readings
 from ..inference.noise_of_record import noise_shape_of_record
-from ..inference.nuisance_kinds import CommonNoise, FacePositions, SensorOffsets, SensorPositions
+from ..inference.nuisance_kinds import CommonNoise, FacePositions, SensorHeights, SensorOffsets, SensorPositions
 from ..inference.nuisance_parameters import window_parameters
 from ..inference.parameters import Parameter, Parameters, kind_of, target_of
 from ..inference.validity import distinguishable_range
@@ -42,10 +43,11 @@ from .effects.catalogue import library, unlogged
 from .effects.heat_sources import AIRS
 from .effects.search_range import SearchRange, search_range_of_record
 from .forward.time_stepping import MAX_SUBSTEP
+from .heterogeneity.section_pattern import section_pattern
 from .model_with_effects import DEPTH_SIGNS, ModelWithEffects, face_change_response, face_impulse_response
 from .record_forcing import forcing_of_window
 
-_PLAIN_KINDS = (SensorOffsets(), SensorPositions(), FacePositions(), CommonNoise())
+_PLAIN_KINDS = (SensorOffsets(), SensorPositions(), SensorHeights(), FacePositions(), CommonNoise())
 _INSTRUMENT_ERRORS = {  # the instrument's error that an effect estimates without a prior
     "sensor_position": SensorPositions.kind,
     "sensor_offset": SensorOffsets.kind,
@@ -81,7 +83,8 @@ class DiagnosisProblem:
     """A case prepared for the diagnosis.
 
     Args:
-        case: the case.
+        case: the case, in one dimension.
+        stated: the case as it is stated, with its section if it has one.
         record: the rows used.
         readings: of the inner sensors, degC, then of the plates, W/m2, `(time, instrument)`; NaN where missing.
         model: the wall with these effects, and with those of columns that were not logged.
@@ -90,9 +93,11 @@ class DiagnosisProblem:
         parameters: of the plain model at the prior diffusivity, each effect with size 0 at the first point of its
             grid. The plain model estimates those of the mask.
         search_range: ranges of the positions, times and temperatures of effects.
+        has_pattern: whether the model has what a section changes.
     """
 
     case: Case
+    stated: Case = field(repr=False)
     record: Record
     readings: np.ndarray = field(repr=False)
     model: ModelWithEffects = field(repr=False)
@@ -101,6 +106,7 @@ class DiagnosisProblem:
     library: tuple[EffectParameters, ...] = field(repr=False)
     parameters: Parameters = field(repr=False)
     search_range: SearchRange
+    has_pattern: bool = False
 
     @property
     def diffusivity_bounds(self) -> tuple[float, float]:
@@ -214,6 +220,18 @@ class DiagnosisProblem:
             changes[k, ..., side] = courses[part, side]
         return changes
 
+    def with_pattern_at(self, diffusivity: float) -> DiagnosisProblem:
+        """The same problem with the section's pattern computed at another diffusivity, m2/s."""
+        pattern = section_pattern(self.stated, diagnosis_window(self.case), diffusivity)
+        return replace(self, model=eqx.tree_at(lambda model: model.pattern, self.model, pattern))
+
+    def without_pattern(self) -> DiagnosisProblem:
+        """The same problem of a homogeneous wall: the section's pattern changes nothing."""
+        assert self.model.pattern is not None
+        model = eqx.tree_at(lambda model: model.pattern, self.model, self.model.pattern.without())
+        kept = [name for name in self.parameters.estimated_names if kind_of(name) != SensorHeights.kind]
+        return replace(self, model=model, parameters=self.parameters.estimating(kept), has_pattern=False)
+
     def estimated_names(self, active: tuple[EffectParameters, ...]) -> tuple[str, ...]:
         """The names of the parameters that a fit with these effects estimates."""
         replaced = self.replaced_errors(active)
@@ -246,6 +264,9 @@ class DiagnosisProblem:
 def diagnosis_problem(case: Case) -> DiagnosisProblem:
     """Prepare a case for the diagnosis.
 
+    A wall with a section is taken as the equivalent homogeneous wall, and what the section changes in the readings is
+    added to the model as a pattern.
+
     Args:
         case: the case; the rows used are the entire record, or `[choices] diagnose_days`.
 
@@ -257,7 +278,9 @@ def diagnosis_problem(case: Case) -> DiagnosisProblem:
         RuntimeError: 64-bit floats are switched off.
     """
     require_x64()
-    window = diagnosis_window(case)
+    stated, window = case, diagnosis_window(case)
+    if stated.section is not None:
+        case = stated.in_one_dimension()
     record = case.record.window(window.row, window.rows)
     readings = _readings(case, record)
     present = np.isfinite(readings)
@@ -275,14 +298,18 @@ def diagnosis_problem(case: Case) -> DiagnosisProblem:
         effects=effects,
         log_prior=on_device(np.log(case.wall.diffusivity_prior)),
         reference_conductivity=on_device(initial_conductivity(case, window) if fluxes_of(case) else 1.0),
+        pattern=None if stated.section is None else section_pattern(stated, window, case.wall.diffusivity_prior),
         sensors=tuple(sensor.name for sensor in case.sensors),
         substeps=max(1, int(np.ceil(record.step / MAX_SUBSTEP))),
     )
     bins, spacing = bin_readings(present, np.where(present, readings, 0.0))
     entries = tuple(EffectParameters(effect, effect.parameter_names(model.sensors)) for effect in effects)
     testable = tuple(one for one in entries if logged.issuperset(one.effect.required_regressors()))
-    parameters = _parameters(case, window, search_range, entries)
-    return DiagnosisProblem(case, record, readings, model, bins, spacing, testable, parameters, search_range)
+    parameters = _parameters(stated, window, search_range, entries)
+    return DiagnosisProblem(
+        case, stated, record, readings, model, bins, spacing, testable, parameters, search_range,
+        has_pattern=model.pattern is not None,
+    )  # fmt: skip
 
 
 def _readings(case: Case, record: Record) -> np.ndarray:

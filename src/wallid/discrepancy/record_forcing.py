@@ -6,7 +6,6 @@ import numpy as np
 import scipy
 
 from .._internal.arrays import on_device
-from .._internal.errors import InputError
 from .._internal.units import DAY
 from ..case.case_definition import Case
 from ..case.initial_profile import fit_profile, profile_mode_count
@@ -24,16 +23,9 @@ def forcing_of_window(case: Case, window: Window) -> ForcingData:
     """The forcing data of a window: cubics between its rows, the cells of the wall and its initial profile.
 
     Args:
-        case: the wall and its sensors.
+        case: the wall in one dimension, and its sensors.
         window: the rows used.
-
-    Raises:
-        InputError: the case has a section in two dimensions, which the effects' forward model does not take.
     """
-    if case.section is not None:
-        raise InputError(
-            "[section]: effects are searched for in a wall in one dimension; leave [section] out for this command"
-        )
     record, wall = case.record.window(window.row, window.rows), case.wall
     rows = np.arange(record.rows)
 

@@ -14,7 +14,7 @@ from .compilation import compile_together
 from .effect_fit import EffectFit
 from .problem import diagnosis_problem
 from .selection.acceptance import RESIDUAL_TEST_LEVEL
-from .selection.candidate_fits import CandidateFits
+from .selection.candidate_fits import CandidateFits, plain_model_of
 from .selection.score_test import CandidateScores
 
 SCREENING_LEVEL = 0.005
@@ -98,8 +98,7 @@ def screen(case: Case) -> Screening:
     """
     problem = diagnosis_problem(case)
     compile_together(problem)
-    fits = CandidateFits(problem)
-    plain = fits.fit_plain_model()
+    fits, plain = plain_model_of(problem)
     return screening_of(fits, plain, fits.score_candidates(plain))
 
 

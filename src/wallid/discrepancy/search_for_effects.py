@@ -9,16 +9,18 @@ from .._internal.progress import Progress, shown_progress
 from ..case.case_definition import Case
 from ..case.mixups import visible_mixups
 from ..estimation.materials import implausible
+from ..estimation.unknown_heat import UnknownHeat
 from .compilation import compile_together
 from .cross_validation import cross_validate
 from .effect_fit import EffectFit
+from .heterogeneity.heterogeneity import heterogeneity_of
 from .mixups.mixup_search import MixupFit, best_mixup, copied_sensor, is_rather_a_lag, wrong_length_unit
 from .next_measurement.search import what_to_measure
 from .problem import diagnosis_problem
 from .result.diagnosis_result import Diagnosis
 from .screening import screen, screening_of
 from .selection.acceptance import RIVAL, penalised_cost
-from .selection.candidate_fits import CandidateFits
+from .selection.candidate_fits import CandidateFits, plain_model_of
 from .selection.score_test import CandidateScores
 from .selection.stepwise_selection import StepwiseSelection
 from .unexplained_heat import UnexplainedHeat
@@ -32,6 +34,10 @@ def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
     of columns, places, units and clocks are tried too; one that explains the record as well as the effects do is named
     before them, and the search is repeated with the readings corrected. At last the measurement is sought that would
     answer what the record leaves open.
+
+    Where the case has a section of stones and mortar, the wall is taken in one dimension, and what the section changes
+    in the readings is part of the plain model: the effect `heterogeneity`, named where the record shows it. Mix-ups and
+    the next measurement are then not sought.
 
     Args:
         case: the case; its window is the entire record, or `[choices] diagnose_days`.
@@ -51,19 +57,43 @@ def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
     """
     with shown_progress(progress) as report:
         plain = _fit_plain_model(case, report)
+        if case.section is not None:
+            return _search_in_section(plain, report)
         mixup = _complete_mixup(plain, report)
         found = _search(plain, report) if mixup is None else _search_corrected(plain, mixup, report)
         if mixup is None and found.verdict != "adequate" and (equal := _equal_mixup(found, report)) is not None:
             found = _search_corrected(plain, equal, report)
         text = "diagnose: what to measure next"
         prescriptions = what_to_measure(found, lambda share: report(text, 0.96 + 0.03 * share))
-        course = None
-        if found.verdict == "unnamed":
-            report("diagnose: the course of what is left", 0.99)
-            heat = found.unexplained or UnexplainedHeat(found.final)
-            course = None if heat.disturbance is None else heat.course()
+        course = _unknown_heat(found, report)
     others = (one for one in visible_mixups(case) if one.kind in ("flux_sign", "clock"))
     return replace(found, mixups=(*found.mixups, *others), prescriptions=prescriptions, unknown_heat=course)
+
+
+def _search_in_section(plain: _PlainModel, progress: Progress) -> Diagnosis:
+    """The search where the case has a section, with the evidence for its pattern."""
+    progress("diagnose: stones and mortar against a homogeneous wall", 0.4)
+    heterogeneity = heterogeneity_of(plain.fit)
+    homogeneous = plain_model_of(plain.fits.problem.without_pattern())
+    if heterogeneity.is_contradicted:
+        fits, fit = homogeneous
+        plain = _PlainModel(fits, fit, fits.score_candidates(fit))
+    found = replace(_search(plain, progress), heterogeneity=heterogeneity)
+    if not heterogeneity.is_contradicted:
+        fits, fit = homogeneous
+        found = replace(found, homogeneous=fits.plain_estimate(fit))
+    if found.shows_heterogeneity:
+        found = replace(found, gap=replace(found.gap, before=found.estimate_before.gap, held_out_before=None))
+    return replace(found, unknown_heat=_unknown_heat(found, progress))
+
+
+def _unknown_heat(found: Diagnosis, progress: Progress) -> UnknownHeat | None:
+    """The course of the heat that would explain what no known effect does; None where nothing is left."""
+    if found.verdict != "unnamed":
+        return None
+    progress("diagnose: the course of what is left", 0.99)
+    heat = found.unexplained or UnexplainedHeat(found.final)
+    return None if heat.disturbance is None else heat.course()
 
 
 class _PlainModel(NamedTuple):
@@ -86,9 +116,8 @@ def _fit_plain_model(case: Case, progress: Progress) -> _PlainModel:
     progress("diagnose: compiling the models", 0.0)
     problem = diagnosis_problem(case)
     compile_together(problem)
-    fits = CandidateFits(problem)
     progress("diagnose: fitting the plain model", 0.3)
-    plain = fits.fit_plain_model()
+    fits, plain = plain_model_of(problem)
     return _PlainModel(fits, plain, fits.score_candidates(plain))
 
 

@@ -18,11 +18,12 @@ import numpy as np
 from .._internal.arrays import on_device
 from ..case.case_definition import Case
 from ..case.initial_profile import scales
+from ..case.time_window import Window
 from ..case.wall_and_sensors import Sensor
 from ..models.finite_volume_wall import Output
 from ..models.sensitivity_equations import explicit
 from ..models.wall_parameters import free_wall_parameters, model_at
-from ..models.window_inputs import WindowData
+from ..models.window_inputs import WindowData, full_order_model, window_data
 
 COMPONENTS = 3
 """Principal components for each sensor; the fourth is below a hundredth of the first in rubble."""
@@ -86,6 +87,39 @@ def height_deviations(case: Case, data: WindowData, diffusivity: float, sensor: 
             (kelvin, np.asarray(u)), (kelvin * fourier, np.asarray(theta)),
         ))
     )  # fmt: skip
+
+
+def heights_in_section(case: Case, sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
+    """The heights that a sensor may have, m, and their weights: the stated one alone where it is known exactly."""
+    if has_uncertain_height(case, sensor):
+        return candidate_heights(case, sensor)
+    return np.array([sensor.height]), np.ones(1)
+
+
+def section_minus_homogeneous(case: Case, window: Window, diffusivity: float) -> list[Deviations]:
+    """What each sensor reads at its heights in the section minus the reading in the equivalent homogeneous wall.
+
+    Args:
+        case: with a section. window: the rows.
+        diffusivity: m2/s, of the equivalent wall.
+    """
+    data, fourier = window_data(case, window), scales(case).fourier_number(diffusivity)
+    heights = [heights_in_section(case, sensor)[0] for sensor in case.sensors]
+    outputs = [
+        Output(sensor.position, height=float(height))
+        for sensor, own in zip(case.sensors, heights, strict=True)
+        for height in own
+    ]
+    systems = model_at(case, (), np.zeros(0), outputs), full_order_model(case.in_one_dimension())
+    kelvin = float(data.temperature)
+    (u, theta), (u_1, theta_1) = (map(np.asarray, explicit(system, on_device(fourier), data)) for system in systems)
+    ends = np.cumsum([len(own) for own in heights])[:-1]
+    return [
+        Deviations(kelvin * (own - plain[:, None]).T, kelvin * fourier * (slope - plain_slope[:, None]).T)
+        for own, plain, slope, plain_slope in zip(
+            np.split(u, ends, axis=1), u_1.T, np.split(theta, ends, axis=1), theta_1.T, strict=True
+        )
+    ]
 
 
 class HeightComponents(NamedTuple):

@@ -151,9 +151,10 @@ def why_contradicted(case: Case, fit: GLSFit) -> str:
 
 def what_to_do(case: Case) -> str:
     """What to do where an effect is missing from the model."""
+    search = "run wallid diagnose to search for it"
     if case.section is None:
-        return "run wallid diagnose to search for it"
-    return "check where the section has stones and joints, the ratios of its materials, and the sensors' heights"
+        return search
+    return f'{search}; check its regions and the sensors\' heights, or take [choices] free = "materials"'
 
 
 def why_not_constant(case: Case, fit: GLSFit) -> str:

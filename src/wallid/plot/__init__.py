@@ -34,7 +34,7 @@ from .house_style import (
 )
 from .legends import shared_legend
 from .logged_record import data_availability, record
-from .material_section import materials, section_temperatures
+from .material_section import height_bias, materials, section_temperatures
 from .missing_effects import (
     cosine_similarity,
     ranked_gains,
@@ -91,6 +91,7 @@ __all__ = [
     "heat_course",
     "heat_load",
     "heat_of_day",
+    "height_bias",
     "hourly_residual",
     "initial_profile",
     "inner_face_flux",

@@ -14,6 +14,8 @@ from matplotlib.patches import Patch
 
 from ..case.section.section_definition import Section
 from ..case.wall_and_sensors import Sensor
+from ..estimation.one_dimension import CostOfOneDimension
+from ..inference.quantity import NORMAL_95
 from ..models.section.full_order_section import SectionModel
 from ..models.section.steady_section import heat_flux
 from .house_style import GREY, KEEP_COLOUR, axes_or_new, marker_style
@@ -91,6 +93,29 @@ def section_temperatures(
     legend_below(
         ax, [*keys, Line2D([], [], ls="none", marker=r"$\rightarrow$", ms=12, color="black", label="heat flux")]
     )
+    return ax
+
+
+def height_bias(cost: CostOfOneDimension, *, ax: Axes | None = None) -> Axes:
+    """Draw the error of the diffusivity that each sensor causes in one dimension, by its height.
+
+    Args:
+        cost: of one dimension.
+        ax: to draw on; None for a new figure.
+
+    Returns:
+        The Axes.
+    """
+    ax, half = axes_or_new(ax), 100 * NORMAL_95 * cost.log_std
+    ax.axvspan(-half, half, color=GREY, alpha=0.25, lw=0, label="95 % interval stated in one dimension")
+    for number, (name, one) in enumerate(cost.sensors.items()):
+        style = marker_style(number)
+        ax.plot(
+            100 * np.expm1(one.bias), 100 * one.heights, ls="-" if len(one.heights) > 1 else "none", ms=4,
+            label=shortened(name), **style,
+        )  # fmt: skip
+    ax.set(xlabel="error of the diffusivity (%)", ylabel="height of the sensor (cm)")
+    legend_below(ax)
     return ax
 
 

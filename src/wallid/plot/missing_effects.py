@@ -56,15 +56,12 @@ def week_readings(diagnosis: Diagnosis, instrument: int, *, legend: bool = True,
     ax = axes_or_new(ax)
     week, axis = worst_week(diagnosis.before), TimeAxis(diagnosis.problem.record.start)
     days = axis.at(diagnosis.problem.record.days)
-    before, after = diagnosis.before, diagnosis.after
+    before = diagnosis.before
     ax.plot(days[week], before.problem.readings[week, instrument], ".", ms=3.5, color=GREY, label="measured")
     used = np.logical_or.accumulate(
         np.isfinite(before.problem.readings[:, instrument])
     )  # without rows before the first
-    for fit, line, colour, label in (
-        (before, "--", ORANGE, "plain model"),
-        *([(after, "-", BLUE, _model_label(diagnosis))] if after.active else []),
-    ):
+    for (label, fit, _), line, colour in zip(diagnosis.shown_models, ("--", "-"), (ORANGE, BLUE), strict=False):
         predicted = np.where(used, fit.predicted[:, instrument], np.nan)
         ax.plot(days[week], predicted[week], line, color=colour, label=label)
     axis.apply(ax)
@@ -92,10 +89,7 @@ def week_residuals(diagnosis: Diagnosis, instrument: int, *, legend: bool = True
     ax = axes_or_new(ax)
     week, axis = worst_week(diagnosis.before), TimeAxis(diagnosis.problem.record.start)
     days = axis.at(diagnosis.problem.record.days)
-    shown = [(diagnosis.before, ORANGE, ".--", "plain model")]
-    if diagnosis.after.active:
-        shown.append((diagnosis.after, BLUE, ".-", _model_label(diagnosis)))
-    for fit, colour, line, label in shown:
+    for (label, fit, _), line, colour in zip(diagnosis.shown_models, (".--", ".-"), (ORANGE, BLUE), strict=False):
         residual = fit.residual_at_rows[week, instrument]
         present = np.isfinite(residual)
         ax.plot(days[week][present], residual[present], line, ms=2.5, lw=0.8, color=colour, label=label)
@@ -119,8 +113,10 @@ def waterfall_steps(diagnosis: Diagnosis) -> list[tuple[str, float]]:
     Returns:
         Label of what was added, and root mean square, for each step.
     """
-    gap = diagnosis.gap
-    steps, added = [("plain model", gap.before)], []
+    gap, first = diagnosis.gap, diagnosis.shown_models[0].label
+    steps, added = [(first, gap.before)], []
+    if diagnosis.shows_heterogeneity:
+        steps.append(("section", diagnosis.before.gap))
     for count, named in enumerate(diagnosis.effects, start=1):
         added.append(as_drawn(diagnosis.problem.label(named.effect_parameters.effect)))
         value = gap.after
@@ -154,11 +150,11 @@ def waterfall(diagnosis: Diagnosis, *, ax: Axes | None = None) -> Axes:
     """
     ax = axes_or_new(ax)
     gap, steps = diagnosis.gap, waterfall_steps(diagnosis)
-    bars = [("plain model", 0.0, gap.before, GREY)]
+    bars = [(steps[0][0], 0.0, gap.before, GREY)]
     bars += [(f"+ {label}{_refused(diagnosis)}", above, below, SKY) for (_, above), (label, below) in pairwise(steps)]
     held_out = [(0, gap.held_out_before)]
-    if diagnosis.after.active:
-        bars.append((_model_label(diagnosis), 0.0, gap.after, BLUE))
+    if len(diagnosis.shown_models) > 1:
+        bars.append((diagnosis.shown_models[-1].label, 0.0, gap.after, BLUE))
         held_out.append((len(bars) - 1, gap.held_out_after))
     highest = max([gap.before, gap.after, gap.noise_floor, *(value for _, value in held_out if value is not None)])
     top = _WATERFALL_ROOM * highest
@@ -330,12 +326,6 @@ def size_by_window(diagnosis: Diagnosis, named: NamedEffect, *, ax: Axes | None 
     ax.set_title(f"{as_drawn(diagnosis.problem.label(named.effect_parameters.effect))}, 95 %{agreement}", wrap=True)
     legend_above(ax)
     return ax
-
-
-def _model_label(diagnosis: Diagnosis) -> str:
-    """Label of the model with effects."""
-    which = "nearest " if diagnosis.incomplete else ""
-    return f"with the {which}effect{'s' if len(diagnosis.effects) > 1 else ''}{_refused(diagnosis)}"
 
 
 def _refused(diagnosis: Diagnosis) -> str:

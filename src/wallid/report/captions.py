@@ -148,20 +148,21 @@ def _missing(run: Run, diagnosis: Diagnosis) -> str:
 
 
 def _residuals(run: Run, diagnosis: Diagnosis) -> str:
-    before, after = diagnosis.residual_tests_before.by_instrument, diagnosis.residual_tests_after.by_instrument
+    before, after = (diagnosis.shown_models[end].tests.by_instrument for end in (0, -1))
     units = dict(zip(before, diagnosis.problem.units, strict=True))
-    if not diagnosis.after.active:
+    if len(diagnosis.shown_models) == 1:
         sizes = ", ".join(f"{name} {size:.2g} {units[name]}" for name, size in before.items())
         return f"Residual by instrument over time and by hour of the day, root mean square: {sizes}."
     sizes = ", ".join(f"{name} {size:.2g} to {after[name]:.2g} {units[name]}" for name, size in before.items())
     return (
-        f"Residual by instrument over time and by hour of the day, root mean square before and after the effects: "
+        f"Residual by instrument over time and by hour of the day, root mean square before and after: "
         f"{sizes}.{_refused(diagnosis)}"
     )
 
 
 def _residuals_caption(run: Run) -> str:
-    models = "of both models" if run.diagnosis is not None and run.diagnosis.after.active else "of the plain model"
+    both = run.diagnosis is not None and len(run.diagnosis.shown_models) > 1
+    models = "of both models" if both else "of the plain model"
     return (
         f"Residual (measured minus simulated) {models}. Top: by instrument and time; grey cells have no reading. "
         "Bottom: mean by hour of the day."
@@ -169,14 +170,17 @@ def _residuals_caption(run: Run) -> str:
 
 
 def _missing_caption(run: Run) -> str:
-    effects = ", and its decrease with each effect" if run.diagnosis is not None and run.diagnosis.after.active else ""
+    model, effects = "plain model", ""
+    if run.diagnosis is not None:
+        model = run.diagnosis.shown_models[0].label
+        effects = ", and its decrease with each effect" if len(run.diagnosis.shown_models) > 1 else ""
     if run.diagnosis is not None and run.diagnosis.verdict == "adequate":
         return (
             "Root mean square of the residual of the plain model; the dashed line is the value expected from noise "
             "alone, the diamond the value on days that the fit did not use."
         )
     return (
-        f"Top: root mean square of the residual of the plain model{effects}; the dashed line is the value expected "
+        f"Top: root mean square of the residual of the {model}{effects}; the dashed line is the value expected "
         "from noise alone, diamonds are values on days that the fit did not use. Bottom: gain (decrease of −2 "
         "log L) of each effect added alone to the plain model; effects left of the dashed line are not significant."
         f"{_refused(run.diagnosis)}"

@@ -304,13 +304,8 @@ def diagnosis_figures(diagnosis: Diagnosis) -> Iterator[tuple[str, Figure]]:
 
 
 def _models(diagnosis: Diagnosis) -> list[tuple[str, EffectFit, ResidualTests]]:
-    """The models with panels: the plain model, and the model with effects where there are any."""
-    before = ("Plain model", diagnosis.before, diagnosis.residual_tests_before)
-    if not diagnosis.after.active:
-        return [before]
-    effects = "effect" if len(diagnosis.effects) == 1 else "effects"
-    title = f"Nearest {effects}, refused" if diagnosis.incomplete else f"With the {effects}"
-    return [before, (title, diagnosis.after, diagnosis.residual_tests_after)]
+    """The models with panels, with their titles."""
+    return [(label[:1].upper() + label[1:], fit, tests) for label, fit, tests in diagnosis.shown_models]
 
 
 def _missing_figure(diagnosis: Diagnosis) -> Figure:

@@ -47,8 +47,6 @@ def next_steps(run: Run) -> list[str]:
         return _after_diagnosis(run.diagnosis)
     steps = [mixup.words for mixup in run.visible_mixups]
     steps += run.fit.advice if run.fit is not None else ()
-    if run.case.section is not None:
-        return [*steps, *_with_section(run)]
     missing = run.screening is not None and run.screening.missing
     if run.fit is not None and run.fit.reason and "wallid diagnose" not in run.fit.reason:
         steps.append("take days with larger variations of the face temperatures, a longer window, or a further sensor")
@@ -88,20 +86,6 @@ def _unmet(average: Any) -> list[str]:
     ]
 
 
-def _with_section(run: Run) -> list[str]:
-    """What to do after an estimate through a section: the library's effects are those of a wall in one dimension."""
-    if run.fit is None:
-        return []
-    if not run.unreliable_reason:
-        return ["use the value: it is the diffusivity of the equivalent homogeneous wall"]
-    return [
-        "check the section: where stones and joints are, the ratios of the materials' conductivities and capacities, "
-        "and the heights of the sensors",
-        "leave `[section]` out and run `wallid diagnose`: it searches for effects of sensors, faces and sources in a "
-        "homogeneous wall",
-    ]
-
-
 def _after_diagnosis(found: Diagnosis) -> list[str]:
     steps = [mixup.words for mixup in found.mixups]
     if found.verdict in ("named", "confusable"):
@@ -109,7 +93,8 @@ def _after_diagnosis(found: Diagnosis) -> list[str]:
             effects = "effect" if len(found.effects) == 1 else "effects"
             steps.append(f"use the diffusivity with the {effects} in the model; that of the plain model is biased")
         else:
-            steps.append("use the diffusivity, which is that of the corrected record")
+            model = "of the section" if found.shows_heterogeneity else "of the corrected record"
+            steps.append(f"use the diffusivity, which is that {model}")
         for named in found.effects:
             effect = named.effect_parameters.effect
             if remedy := _REMEDIES.get(effect.name):

@@ -20,6 +20,7 @@ from .._internal.number_formats import format_interval, format_quantity, format_
 from .._internal.units import DAY
 from .._internal.visible_text import visible_text
 from ..discrepancy.effects.catalogue import untestable
+from ..discrepancy.result.wall_properties import DIFFUSIVITY
 from ..estimation.heat_flux import SURFACES_TEXT
 from ..experiment_design.window_selection import ExpectedErrors
 from .captions import alternative_text, figure_caption
@@ -166,7 +167,11 @@ def diffusivities(run: Run, result: dict[str, Any]) -> list[tuple[str, dict[str,
             model = "with the nearest effect, refused" if run.diagnosis.incomplete else f"with {effects}"
             values.append((f"Diffusivity, {data}, {model}", result["diffusivity"]))
         plain = "diffusivity_before" if run.diagnosis.after.active else "diffusivity"
-        values.append((f"Diffusivity, {data}, plain model", result[plain]))
+        if run.diagnosis.shows_heterogeneity:
+            values.append((f"Diffusivity, {data}, with the section", DIFFUSIVITY.of(run.diagnosis.plain).result()))
+            values.append((f"Diffusivity, {data}, homogeneous wall", result["diffusivity_before"]))
+        else:
+            values.append((f"Diffusivity, {data}, plain model", result[plain]))
     if run.campaign is not None:
         values.append(("Diffusivity, all windows, plain model", diffusivity_entry(run.campaign)))
     if run.fit is not None:
@@ -239,7 +244,7 @@ def _answer(run: Run, result: dict[str, Any]) -> str:
         )
         return f"{values}{_flux_misfit(run.fit, result)}"
     if run.fit is not None:
-        misfit = _misfit(result, run.case.section is not None)
+        misfit = _misfit(result)
         return f"The window determines the diffusivity, provided that the model is valid. {misfit}"
     return "" if run.design is None else _design_sentence(run.design)
 
@@ -255,12 +260,11 @@ def _design_sentence(design: Design) -> str:
     )
 
 
-def _misfit(result: dict[str, Any], in_section: bool) -> str:
+def _misfit(result: dict[str, Any]) -> str:
     """Whether the residual exceeds the stated noise: over the entire record where it was predicted.
 
     Args:
         result: entries of result.json.
-        in_section: whether the case has a section, which a diagnosis does not take.
     """
     if "reliability" in result:
         data, rms, noise = "the entire record", result["reliability"]["rms_K"], result["reliability"]["noise_K"]
@@ -268,12 +272,13 @@ def _misfit(result: dict[str, Any], in_section: bool) -> str:
         data, rms, noise = "the window used", result["gap"]["after_K"], result["gap"]["floor_K"]
     residual = f"Over {data}, the root mean square of the residual is {rms:.2g} K."
     if rms <= _LARGEST_RATIO * noise:
-        return f"{residual} The stated sensor noise of {noise:.2g} K explains it." + (
-            "" if in_section else " wallid diagnose tests for effects that are missing nevertheless."
+        return (
+            f"{residual} The stated sensor noise of {noise:.2g} K explains it. wallid diagnose tests for effects that "
+            "are missing nevertheless."
         )
     return (
         f"{residual} The stated sensor noise explains only {noise:.2g} K: the model lacks an effect, which may bias "
-        "the diffusivity." + ("" if in_section else " wallid diagnose searches for it.")
+        "the diffusivity. wallid diagnose searches for it."
     )
 
 

@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 
 from .. import plot
 from .._internal.number_formats import format_number, format_text
+from ..estimation.one_dimension import CostOfOneDimension
 from ..models.section.section_solution import SectionSolution
 from .single_page import SinglePage
 
@@ -13,6 +14,8 @@ _CAPTIONS = {
     "materials": "The section to scale, with its materials and sensors.",
     "steady": "Temperatures between the two given ones in a steady state, with isotherms. Arrows are the heat flux, "
     "thin lines joints.",
+    "one-dimension": "The error of the diffusivity that each sensor causes in an estimate of a homogeneous wall, by "
+    "its height. The grey band is the 95 % interval that such an estimate states.",
     "temperatures": "Temperatures at the chosen time, with isotherms. Arrows are the heat flux, thin lines joints.",
 }
 _LARGEST = 5.0  # inches, of a figure along its longer side
@@ -62,4 +65,8 @@ def _figures(solution: SectionSolution) -> list[tuple[str, Figure]]:
                 figure, ax = plot.figure(width=width, height=height)
                 plot.section_temperatures(solution.model, field, sensors, ax=ax)
                 figures.append((name, figure))
+        if isinstance(cost := solution.one_dimension, CostOfOneDimension):
+            figure, ax = plot.figure(height=3.2)
+            plot.height_bias(cost, ax=ax)
+            figures.append(("one-dimension", figure))
     return figures

@@ -121,8 +121,14 @@ class Separation:
     penalties: np.ndarray
 
     def with_excess(self, excess: Float[np.ndarray, " rival"]) -> Separation:
-        """The same directions of the residuals with other squared distances."""
-        factor = np.sqrt(np.maximum(excess, 0.0) / np.maximum(self.excess, 1e-300))
+        """The same directions of the residuals with other squared distances.
+
+        A rival whose expected excess is not positive has the length of its own direction as the distance so far; one
+        without a direction keeps none.
+        """
+        distance = np.where(self.excess > 0.0, self.excess, np.diag(self.inner))
+        has_direction = np.diag(self.inner) > 0.0
+        factor = np.sqrt(np.maximum(excess, 0.0) / np.where(has_direction, distance, 1.0))
         return Separation(excess, self.inner * np.outer(factor, factor), self.penalties)
 
     def probability(self, criteria: Float[np.ndarray, " rival"], relative_std: float) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,9 +15,10 @@ from ...inference.physical_bounds import clip_to_physical
 from ...inference.quantity import Quantity
 from ..cross_validation import Gap
 from ..effect_fit import EffectFit
+from ..heterogeneity.heterogeneity import Heterogeneity
 from ..next_measurement.actions import Prescription
 from ..problem import DiagnosisProblem, EffectParameters
-from ..residual_tests import ResidualTests
+from ..residual_tests import ResidualTests, run_residual_tests
 from ..selection.acceptance import FIRST_EFFECT_LEVEL, RESIDUAL_TEST_LEVEL, reason_for_refusal
 from ..selection.effect_results import NamedEffect, RankedEffect, Trial
 from ..selection.score_test import CandidateScores
@@ -28,6 +30,14 @@ _HELD_OUT_VARIANCE_RATIO = 2.0  # largest mean square on the days held out over 
 _CLEAR_GAIN_RATIO = 3.0  # gain over the chance gain from which a rejected trial makes the diagnosis incomplete
 _AT_BOUND = 1.001  # ratio of a diffusivity to a bound of the search, up to which it is at the bound
 _DETECTABLE_GAIN = 9.0  # drop of -2 log L of an effect of three standard deviations
+
+
+class ShownModel(NamedTuple):
+    """A model as figures show it: its label, its fit, and the tests of its residual."""
+
+    label: str
+    fit: EffectFit
+    tests: ResidualTests
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +62,8 @@ class Findings:
         prescriptions: what to measure next, for each question that the record leaves open.
         unexplained: heat that would explain the residual of `final`; sought where no test shows anything else.
         unknown_heat: the course of the heat that would explain what no known effect does; None where nothing is left.
+        heterogeneity: the pattern of the case's section as the record shows it; None without a section.
+        homogeneous: the estimate of the homogeneous wall where the pattern is in the model; None elsewhere.
     """
 
     problem: DiagnosisProblem = field(repr=False)
@@ -71,6 +83,8 @@ class Findings:
     prescriptions: tuple[Prescription, ...] = field(default=(), repr=False)
     unexplained: UnexplainedHeat | None = field(default=None, repr=False)
     unknown_heat: UnknownHeat | None = field(default=None, repr=False)
+    heterogeneity: Heterogeneity | None = None
+    homogeneous: EffectFit | None = field(default=None, repr=False)
 
     @property
     def final(self) -> EffectFit:
@@ -85,7 +99,7 @@ class Findings:
         if self.incomplete:
             return "unnamed"
         if not self.effects:
-            return "named" if self.mixups else "adequate"
+            return "named" if self.mixups or self.shows_heterogeneity else "adequate"
         return "confusable" if any(named.alternatives for named in self.effects) else "named"
 
     @cached_property
@@ -129,6 +143,32 @@ class Findings:
             disturbance = self.heat_left.disturbance
             return f"{self._named_labels}what looks like noise that lasts for hours is rather {disturbance}"
         return ""
+
+    @property
+    def estimate_before(self) -> EffectFit:
+        """The estimate before a correction, or of the homogeneous wall where the record shows it to be none."""
+        shown = self.homogeneous if self.shows_heterogeneity else None
+        return self.uncorrected or shown or self.plain
+
+    @property
+    def shows_heterogeneity(self) -> bool:
+        """Whether the record shows the pattern of the case's section."""
+        return self.heterogeneity is not None and self.heterogeneity.is_clear
+
+    @cached_property
+    def shown_models(self) -> tuple[ShownModel, ...]:
+        """The model to begin with, and the final one where it is another: with effects, or with a section."""
+        plain = ShownModel("plain model", self.before, self.residual_tests_before)
+        if self.homogeneous is not None and self.shows_heterogeneity:
+            first = ShownModel("homogeneous wall", self.homogeneous, run_residual_tests(self.homogeneous))
+            plain = plain._replace(label="with the section")
+        else:
+            first = plain
+        if not self.after.active:
+            return (first,) if first is plain else (first, plain)
+        refused, nearest = (", refused", "nearest ") if self.incomplete else ("", "")
+        label = f"with the {nearest}effect{'s' if len(self.effects) > 1 else ''}{refused}"
+        return first, ShownModel(label, self.after, self.residual_tests_after)
 
     @property
     def heat_left(self) -> UnexplainedHeat | None:
@@ -182,6 +222,8 @@ class Findings:
         low, high = one.of(self.final).interval_95
         rivals = [fit for fit in self.rivals if any(effect in fit.active for effect in self._alternatives)]
         ends = [low, high, *(end for fit in rivals for end in one.of(fit).interval_95)]
+        if self.homogeneous is not None and not self.shows_heterogeneity:  # the record tells neither from the other
+            ends += one.of(self.homogeneous).interval_95
         if self.heat_left is not None:
             ends += one.of(self.heat_left.fit_beside).interval_95
         low, high = min(ends), max(ends)

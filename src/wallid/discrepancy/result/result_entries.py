@@ -19,10 +19,9 @@ def diagnosis_entries(findings: Findings) -> dict[str, Any]:
     problem = findings.problem
     verdict = findings.verdict
     effects = findings.effects if verdict in ("named", "confusable") else ()
-    before = findings.uncorrected or findings.plain
     return {
         **{name: one.result() for name, one in findings.quantities.items()},
-        "diffusivity_before": DIFFUSIVITY.of(before).result(),
+        "diffusivity_before": DIFFUSIVITY.of(findings.estimate_before).result(),
         "verdict": verdict,
         "mixups": [mixup.to_dict() for mixup in findings.mixups],
         "effects": [
@@ -45,11 +44,32 @@ def diagnosis_entries(findings: Findings) -> dict[str, Any]:
                 },
             }
             for named in effects
-        ],
+        ]
+        + _heterogeneity(findings),
         "unknown_heat": None if findings.unknown_heat is None else findings.unknown_heat.to_dict(),
         "next": [one.to_dict(lambda effect: problem.target_name(effect.effect)) for one in findings.prescriptions],
         **_gap(findings.gap),
     }
+
+
+def _heterogeneity(findings: Findings) -> list[dict[str, Any]]:
+    """The entry of the pattern of a section, where the record shows it."""
+    if not findings.shows_heterogeneity or findings.verdict not in ("named", "confusable"):
+        return []
+    found = findings.heterogeneity
+    assert found is not None
+    return [
+        {
+            "name": "heterogeneity",
+            "target": None,
+            "parameters": {"size": {"value": found.size, "std": found.std, "unit": ""}},
+            "alternatives": [],
+            "expected_gain": found.evidence,
+            "gain": found.evidence,
+            "p_value": found.p_value,
+            "windows": None,
+        }
+    ]
 
 
 def _gap(gap: Gap) -> dict[str, Any]:

@@ -28,7 +28,29 @@ _COMMON_EFFECTS = (  # name, factor to the unit of the text, text
 def verdict_sentence(findings: Findings) -> str:
     """The verdict in one or a few sentences: what was mixed up, if anything, then what the corrected record shows."""
     mixups = [f"{mixup.words[:1].upper()}{mixup.words[1:]}." for mixup in findings.mixups]
-    return " ".join([*mixups, _sentence(findings), *_gain_of_single_plate(findings)])
+    pattern = _pattern_of_section(findings)
+    return " ".join([*mixups, *pattern, _sentence(findings), *_gain_of_single_plate(findings)])
+
+
+def _pattern_of_section(findings: Findings) -> list[str]:
+    """What the record shows of stones and mortar."""
+    found, before, plain = findings.heterogeneity, findings.estimate_before, findings.plain
+    if found is None:
+        return []
+    if found.is_contradicted:
+        return [
+            "The record contradicts the section of the case: a homogeneous wall explains it better "
+            f"(-2 log L by {-found.evidence:.1f}), and is used here; check the materials, the joints and the heights."
+        ]
+    if not found.is_clear:
+        return [
+            "The record cannot distinguish the section of the case from a homogeneous wall "
+            f"(-2 log L drops by {found.evidence:.1f}); the interval spans both."
+        ]
+    return [
+        f"The wall is not homogeneous: the record shows {found.label} (1 is the section as stated). A homogeneous wall "
+        f"would have {before.diffusivity:.4g} m2/s, with the section it is {plain.diffusivity:.4g} m2/s."
+    ]
 
 
 def _sentence(findings: Findings) -> str:
@@ -59,6 +81,8 @@ def _sentence(findings: Findings) -> str:
         )
     if findings.mixups and not findings.effects:
         return f"With that corrected, the record shows no missing effect: {residual}"
+    if not findings.effects:
+        return f"Beside that, the record shows no missing effect: {residual}"
     named = " and ".join(_label_with_size(effect, problem) for effect in findings.effects)
     verb, pronoun = ("is", "it") if len(findings.effects) == 1 else ("are", "them")
     held_out = (
@@ -158,6 +182,8 @@ def diagnosis_summary(findings: Findings) -> str:
     ]
     if findings.unknown_heat is not None:
         lines.append(f"what is left {findings.unknown_heat.sentence}")
+    if findings.heterogeneity is not None:
+        lines.append(f"section      {findings.heterogeneity}")
     for named in findings.effects:
         windows, effect = named.windows, named.effect_parameters.effect
         values = ", ".join(f"{p.name} {value_and_std(*named.values[p.name], p.unit)}" for p in effect.parameters)

@@ -16,8 +16,20 @@ from .score_test import CandidateJacobian, CandidateScores, candidate_jacobian, 
 
 _MODEL_ERROR = 1e-3  # share of the gain of an effect that its discretisation may leave in the residual: 3 % of its size
 _FAR_FROM_PRIOR = 1.0  # of ln(alpha) from the prior, from which fits also start at the prior
-_MOST_ITERATIONS = 4  # of the plain estimate
+_MOST_ITERATIONS = 4  # of the plain estimate, and of the pattern of a section
 _CONVERGED = 0.05  # standard errors of ln(alpha) by which the last iteration of the plain estimate may change it
+
+
+def plain_model_of(problem: DiagnosisProblem) -> tuple[CandidateFits, EffectFit]:
+    """The fits of a problem, and its plain model fitted; the pattern of a section is computed at its diffusivity."""
+    fits = CandidateFits(problem)
+    plain = fits.fit_plain_model()
+    for _ in range(_MOST_ITERATIONS if problem.has_pattern else 0):
+        fits = CandidateFits(problem.with_pattern_at(plain.diffusivity))
+        last, plain = plain, fits.fit_plain_model()
+        if abs(np.log(plain.diffusivity / last.diffusivity)) < _CONVERGED * plain.log_std:
+            break
+    return fits, plain
 
 
 class CandidateFits:

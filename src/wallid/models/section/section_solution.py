@@ -32,6 +32,7 @@ class SectionSolution(ResultObject):
         mesh_error: relative change of the equivalent wall's conductivity where each cell of the mesh is cut into four.
         steady: the steady state, where two temperatures were given.
         temperatures: of the nodes at a time of the record, where one was chosen, degC, `(y, x)`.
+        one_dimension: what an estimate in one dimension would be off by, where it was asked for.
     """
 
     case: SectionCase = field(repr=False)
@@ -43,6 +44,7 @@ class SectionSolution(ResultObject):
     mesh_error: float | None
     steady: SteadySection | None = None
     temperatures: np.ndarray | None = field(default=None, repr=False)
+    one_dimension: ResultObject | None = field(default=None, repr=False)
 
     @property
     def cells(self) -> int:
@@ -60,6 +62,8 @@ class SectionSolution(ResultObject):
         if self.steady is not None:
             names = ("left", "right", "temperatures", "heat_flow")
             entries["steady"] = {name: getattr(self.steady, name) for name in names}
+        if self.one_dimension is not None:
+            entries["one_dimension"] = self.one_dimension.to_dict()
         return plain_value(entries)
 
     def __str__(self) -> str:
@@ -85,6 +89,8 @@ class SectionSolution(ResultObject):
             lines.append(f"steady       {self.steady.left:g} degC left, {self.steady.right:g} degC right: "
                          f"{flow}")  # fmt: skip
             lines += [f"             {name} {value:.2f} degC" for name, value in self.steady.temperatures.items()]
+        if self.one_dimension is not None:
+            lines.append(str(self.one_dimension))
         return "\n".join(lines)
 
 
