@@ -248,3 +248,15 @@ def test_the_section_command_says_what_one_dimension_costs(case_file, tmp_path):
     entry = json.loads((tmp_path / "out" / "result.json").read_text())["section"]["one_dimension"]
     assert set(entry) == {"bias", "std", "stated_std", "sensors"} and entry["std"] > entry["stated_std"]
     assert (tmp_path / "out" / "one-dimension.png").exists()
+
+
+def test_an_effect_that_explains_as_much_as_the_section_is_an_alternative(diagnosis):
+    """As if one effect of a homogeneous wall explained the record as well."""
+    slot = next(one for one in diagnosis.problem.library if one.effect.name == "clock_shift")
+    rival = replace(diagnosis.homogeneous, active=(slot,))
+    doubted = replace(diagnosis, section_rivals=(rival,))
+    assert doubted.verdict == "confusable" and "clock shift" in doubted.sentence
+    (effect,) = doubted.to_dict()["effects"]
+    assert effect["alternatives"] == [{"name": "clock_shift", "target": None}]
+    low, high = doubted.interval_95
+    assert low <= rival.interval_95[0] * 1.0000001 and high >= rival.interval_95[1] * 0.9999999

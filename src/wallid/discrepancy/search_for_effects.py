@@ -12,7 +12,7 @@ from ..estimation.materials import implausible
 from ..estimation.unknown_heat import UnknownHeat
 from .compilation import compile_together
 from .cross_validation import cross_validate
-from .effect_fit import EffectFit
+from .effect_fit import EffectFit, refit
 from .heterogeneity.heterogeneity import heterogeneity_of
 from .mixups.mixup_search import MixupFit, best_mixup, copied_sensor, is_rather_a_lag, wrong_length_unit
 from .next_measurement.search import what_to_measure
@@ -24,6 +24,9 @@ from .selection.candidate_fits import CandidateFits, plain_model_of
 from .selection.score_test import CandidateScores
 from .selection.stepwise_selection import StepwiseSelection
 from .unexplained_heat import UnexplainedHeat
+
+_RIVALS = 5  # effects that are compared with the section
+_GAIN_MARGIN = 0.35  # relative error allowed for in an expected gain
 
 
 def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
@@ -83,8 +86,27 @@ def _search_in_section(plain: _PlainModel, progress: Progress) -> Diagnosis:
         fits, fit = homogeneous
         found = replace(found, homogeneous=fits.plain_estimate(fit))
     if found.shows_heterogeneity:
+        rivals = _rivals_of_section(homogeneous[0], refit(
+            homogeneous[0].problem, (), homogeneous[1].parameters, plain.fit.noise
+        ), heterogeneity.evidence)  # fmt: skip
+        found = replace(found, section_rivals=rivals)
         found = replace(found, gap=replace(found.gap, before=found.estimate_before.gap, held_out_before=None))
     return replace(found, unknown_heat=_unknown_heat(found, progress))
+
+
+def _rivals_of_section(fits: CandidateFits, homogeneous: EffectFit, evidence: float) -> tuple[EffectFit, ...]:
+    """The fits of a homogeneous wall with one effect that explain the record about as well as its section does.
+
+    Args:
+        fits: of the homogeneous wall.
+        homogeneous: its plain model, with the noise of the model with the section.
+        evidence: drop of -2 log L by the section.
+    """
+    scores = fits.score_candidates(homogeneous)
+    near = [k for k in scores.best_penalised(_RIVALS) if scores.gain[k] > (1.0 - _GAIN_MARGIN) * evidence - RIVAL]
+    tried = [fits.add_candidates(scores, (k,)) for k in near]
+    limit = penalised_cost(homogeneous) - evidence + RIVAL
+    return tuple(fit for fit in tried if penalised_cost(fit) < limit and fits.acceptable(fit))
 
 
 def _unknown_heat(found: Diagnosis, progress: Progress) -> UnknownHeat | None:

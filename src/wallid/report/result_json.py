@@ -112,6 +112,8 @@ def _fit(run: Run, fit: Estimate) -> dict[str, Any]:
     entries["disturbance"] = None if fit.disturbance is None else fit.disturbance.to_dict()
     if fit.sensor_places:
         entries["sensor_places"] = {name: place.to_dict() for name, place in fit.sensor_places.items()}
+    if fit.materials is not None:
+        entries["materials"] = fit.materials.to_dict()
     entries |= _identifiability(fit)
     if fit.thermal is not None:
         floor = fit.expected_rms(flux=True) if fit.noise_rms else flux_noise_std(run.case)

@@ -63,6 +63,7 @@ class Findings:
         unexplained: heat that would explain the residual of `final`; sought where no test shows anything else.
         unknown_heat: the course of the heat that would explain what no known effect does; None where nothing is left.
         heterogeneity: the pattern of the case's section as the record shows it; None without a section.
+        section_rivals: fits of the homogeneous wall with one effect, which the record cannot tell from the section.
         homogeneous: the estimate of the homogeneous wall where the pattern is in the model; None elsewhere.
     """
 
@@ -85,6 +86,7 @@ class Findings:
     unknown_heat: UnknownHeat | None = field(default=None, repr=False)
     heterogeneity: Heterogeneity | None = None
     homogeneous: EffectFit | None = field(default=None, repr=False)
+    section_rivals: tuple[EffectFit, ...] = field(default=(), repr=False)
 
     @property
     def final(self) -> EffectFit:
@@ -99,8 +101,10 @@ class Findings:
         if self.incomplete:
             return "unnamed"
         if not self.effects:
-            return "named" if self.mixups or self.shows_heterogeneity else "adequate"
-        return "confusable" if any(named.alternatives for named in self.effects) else "named"
+            found = self.mixups or self.shows_heterogeneity
+            return "confusable" if self.section_rivals else "named" if found else "adequate"
+        ambiguous = self.section_rivals or any(named.alternatives for named in self.effects)
+        return "confusable" if ambiguous else "named"
 
     @cached_property
     def uninformative(self) -> str:
@@ -222,6 +226,7 @@ class Findings:
         low, high = one.of(self.final).interval_95
         rivals = [fit for fit in self.rivals if any(effect in fit.active for effect in self._alternatives)]
         ends = [low, high, *(end for fit in rivals for end in one.of(fit).interval_95)]
+        ends += [end for fit in self.section_rivals for end in one.of(fit).interval_95]
         if self.homogeneous is not None and not self.shows_heterogeneity:  # the record tells neither from the other
             ends += one.of(self.homogeneous).interval_95
         if self.heat_left is not None:

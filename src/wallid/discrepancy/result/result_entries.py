@@ -63,7 +63,11 @@ def _heterogeneity(findings: Findings) -> list[dict[str, Any]]:
             "name": "heterogeneity",
             "target": None,
             "parameters": {"size": {"value": found.size, "std": found.std, "unit": ""}},
-            "alternatives": [],
+            "alternatives": [
+                {"name": one.effect.name, "target": findings.problem.target_name(one.effect)}
+                for fit in findings.section_rivals
+                for one in fit.active
+            ],
             "expected_gain": found.evidence,
             "gain": found.evidence,
             "p_value": found.p_value,

@@ -47,9 +47,13 @@ def _pattern_of_section(findings: Findings) -> list[str]:
             "The record cannot distinguish the section of the case from a homogeneous wall "
             f"(-2 log L drops by {found.evidence:.1f}); the interval spans both."
         ]
+    rivals = " or ".join(findings.problem.label(one.effect) for fit in findings.section_rivals for one in fit.active)
+    ambiguous = (
+        f" It cannot distinguish it from {rivals} of a homogeneous wall; the interval spans them." if rivals else ""
+    )
     return [
         f"The wall is not homogeneous: the record shows {found.label} (1 is the section as stated). A homogeneous wall "
-        f"would have {before.diffusivity:.4g} m2/s, with the section it is {plain.diffusivity:.4g} m2/s."
+        f"would have {before.diffusivity:.4g} m2/s, with the section it is {plain.diffusivity:.4g} m2/s.{ambiguous}"
     ]
 
 
