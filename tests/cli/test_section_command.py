@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+import scipy
 from benchmarks.reference.analytic_slab import weather
 from benchmarks.reference.section_by_finite_elements import ElementSection, Rectangle
 from pages import check
@@ -167,3 +168,27 @@ def test_the_common_factor_is_estimated_through_the_section(command, measured_ca
     solved = json.loads(command("section", measured_case, "--json").stdout)["section"]
     assert found["value"] == pytest.approx(FACTOR * solved["diffusivity"], rel=0.03)
     assert abs(np.log(found["value"] / (FACTOR * solved["diffusivity"]))) < 3 * found["std"] / found["value"]
+
+
+def test_the_dynamic_diffusivity_is_that_of_the_slowest_mode(command, tmp_path):
+    """A homogeneous section has its own diffusivity; a layered one the slowest eigenvalue of its layers."""
+    plain = CASE.replace("conductivity = 0.6\nheat_capacity = 1.5e6", "conductivity = 1.7\nheat_capacity = 2.1e6")
+    (tmp_path / "case.toml").write_text(plain)
+    found = json.loads(command("section", tmp_path, "--json").stdout)["section"]
+    assert found["dynamic_diffusivity"] == pytest.approx(1.7 / 2.1e6, rel=2e-3)
+    assert found["dynamic_diffusivity"] == pytest.approx(found["diffusivity"], rel=2e-3)
+    # two layers of equal thickness: k1 b1 cot(b1 h) + k2 b2 cot(b2 h) = 0 with b = sqrt(rate / a)
+    layers = CASE[: CASE.index("[[section.region]]")] + "".join(
+        f'[[section.region]]\nmaterial = "{name}"\nx = [{a}, {b}]\ny = [0.0, 0.2]\n'
+        for name, a, b in (("stone", 0.0, 0.15), ("mortar", 0.15, 0.3))
+    )
+    (tmp_path / "case.toml").write_text(layers)
+    found = json.loads(command("section", tmp_path, "--json").stdout)["section"]
+
+    def balance(rate):
+        return sum(k * np.sqrt(rate * c / k) / np.tan(np.sqrt(rate * c / k) * 0.15) for k, c in (STONE, MORTAR))
+
+    alpha = 1.0 / (0.5 / STONE[0] + 0.5 / MORTAR[0]) / (0.5 * STONE[1] + 0.5 * MORTAR[1])
+    rate = scipy.optimize.brentq(balance, 0.3 * alpha * (np.pi / 0.3) ** 2, 1.5 * alpha * (np.pi / 0.3) ** 2)
+    assert found["dynamic_diffusivity"] == pytest.approx(rate * (0.3 / np.pi) ** 2, rel=2e-3)
+    assert found["diffusivity"] == pytest.approx(alpha, rel=1e-6)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,7 +11,9 @@ import numpy as np
 from ..._internal.progress import Progress, part_of, shown_progress
 from ..._internal.result_object import ResultObject, plain_value
 from ...case.section.section_tables import SectionCase
+from .affine_model import AffineModel
 from .full_order_section import SectionModel, SectionPoint, full_order_section
+from .krylov_basis import generalised_modes
 from .material_range import MaterialRange
 from .reduced_section import reduce_section
 from .steady_section import EquivalentWall, SteadySection, equivalent_wall, steady_section
@@ -26,6 +29,8 @@ class SectionSolution(ResultObject):
         case: with the section and the sensors.
         model: full-order, with the sensors as outputs.
         equivalent: the homogeneous wall; None where an edge is held at a temperature.
+        dynamic_diffusivity: of the homogeneous wall whose slowest mode between its faces decays as the section's does,
+            `L^2 |f_1| / pi^2`, m2/s; None where there is no equivalent wall, or with a surface resistance.
         order: of the reduced model.
         error: of its outputs, K for each K of a face that varies by the day.
         theta_error: of its sensitivities, relative.
@@ -38,6 +43,7 @@ class SectionSolution(ResultObject):
     case: SectionCase = field(repr=False)
     model: SectionModel = field(repr=False)
     equivalent: EquivalentWall | None
+    dynamic_diffusivity: float | None
     order: int
     error: float
     theta_error: float
@@ -57,6 +63,7 @@ class SectionSolution(ResultObject):
         entries |= {"theta_error": self.theta_error, "mesh_error": self.mesh_error}
         for name in ("conductivity", "heat_capacity", "diffusivity", "resistance"):
             entries[name] = None if self.equivalent is None else getattr(self.equivalent, name)
+        entries["dynamic_diffusivity"] = self.dynamic_diffusivity
         areas = self.case.section.areas.tolist()
         entries["areas"] = {one.name: area for one, area in zip(self.case.section.materials, areas, strict=True)}
         if self.steady is not None:
@@ -82,6 +89,8 @@ class SectionSolution(ResultObject):
                 f"             to {self.mesh_error:.1e} by the mesh's change when its cells are halved",
                 f"             diffusivity {wall.diffusivity:.4g} m2/s, resistance {wall.resistance:.4g} m2 K/W",
             ]
+        if self.dynamic_diffusivity is not None:
+            lines.append(f"dynamic      diffusivity {self.dynamic_diffusivity:.4g} m2/s, by the slowest mode")
         if self.steady is not None:
             flow = "the heat flow has no limit, at a corner of two temperatures"
             if self.steady.heat_flow is not None:
@@ -118,11 +127,20 @@ def solve_section(
         reduced = reduce_section(tested.model, materials, progress=part_of(report, 0.1, 0.9))
         report("section: steady state", 0.9)
         steady = None if left is None or right is None else steady_section(model, left, right)
-        equivalent, mesh_error = equivalent_wall(model), None
+        equivalent, dynamic, mesh_error = equivalent_wall(model), None, None
         if equivalent is not None:
             finer = equivalent_wall(full_order_section(case.section, mesh=model.mesh.refined()))
             assert finer is not None
             mesh_error = abs(finer.conductivity / equivalent.conductivity - 1.0)
+            if not (case.section.surface_resistance_left or case.section.surface_resistance_right):
+                dynamic = _dynamic_diffusivity(model, reduced.model)
     return SectionSolution(
-        case, model, equivalent, reduced.order, reduced.error, reduced.theta_error, mesh_error, steady
+        case, model, equivalent, dynamic, reduced.order, reduced.error, reduced.theta_error, mesh_error, steady
     )
+
+
+def _dynamic_diffusivity(section: SectionModel, reduced: AffineModel) -> float:
+    """The diffusivity of the homogeneous wall with the slowest mode of a section, m2/s."""
+    E, K, _ = reduced.at(section.conductivity, section.heat_capacity)
+    rates, _ = generalised_modes(E, K)
+    return float(-rates.max()) * section.section.length**2 / math.pi**2
