@@ -11,6 +11,7 @@ import numpy as np
 
 import wallid
 from benchmarks.speed.measure import AbsentError
+from wallid.models.section import AffineModel
 
 PARTICLES, ITERATIONS = 50, 100  # the paper's
 SLOWEST, FASTEST = 1.0, 3e4  # poles, per t_ref at Fo = 1
@@ -38,6 +39,39 @@ def by_pymor(nodal: wallid.StateSpace, order: int, way: str) -> wallid.StateSpac
     if E is not None:
         A, B = np.linalg.solve(E, A), np.linalg.solve(E, B)
     return wallid.StateSpace(A=A, B=B, C=C, D=matrices[3] if D is None else D, P=np.zeros((order, 1)))
+
+
+def section_by_pymor(
+    model: AffineModel, conductivity: np.ndarray, heat_capacity: np.ndarray, order: int
+) -> AffineModel:
+    """Balanced truncation of a section's full-order model at one value of its materials, by low-rank Gramians.
+
+    The materials are no parameters of the result: its one "material" has the conductivity and the capacity 1.
+
+    Raises:
+        AbsentError: pyMOR is not installed.
+    """
+    try:
+        from pymor.core.logger import set_log_levels
+        from pymor.models.iosys import LTIModel
+        from pymor.reductors.bt import BTReductor
+    except ImportError as missing:
+        raise AbsentError("pyMOR is not installed") from missing
+    set_log_levels({"pymor": "ERROR"})
+    E, K, B = model.at(conductivity, heat_capacity)
+    full = LTIModel.from_matrices(K.tocsc(), B, model.C.toarray(), model.D, E.tocsc())
+    A, B, C, D, E = BTReductor(full).reduce(order).to_matrices()
+    return AffineModel(
+        capacity=(np.eye(order) if E is None else E,),
+        conduction=(A,),
+        drive=(B,),
+        film=np.zeros_like(A),
+        film_drive=np.zeros_like(B),
+        C=C,
+        D=model.D if D is None else D,
+        P=np.zeros((order, 1)),
+        output_names=model.output_names,
+    )
 
 
 def by_swarm(

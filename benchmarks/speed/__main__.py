@@ -1,6 +1,6 @@
 """wallid beside what a user would take instead, on the same work in one run: `python -m benchmarks.speed [WORK ...]`.
 
-Without a work all of them, in under 15 minutes on two idle cores. Each contender runs in a process of its own; what is
+Without a work all of them, in under 25 minutes on two idle cores. Each contender runs in a process of its own; what is
 printed is the median of its runs after the first, the first call with its compilation apart, its peak memory and its
 error against a reference, then what is asked and whether it is met. What is there so far lies in the folder of results
 after each work. The rivals are the extra `bench`.
@@ -27,7 +27,10 @@ from benchmarks.speed.measure import AbsentError, Measured, machine, measuring
 from benchmarks.speed.table import as_markdown, scaling_figure
 
 TURNS, TURN, ALONE = 15, 0.2, 2.0  # rounds; seconds of repeated runs in one of them, and of who runs alone
-WORKS = ("simulate", "sweep", "campaign", "learn", "orders", "estimate", "filter", "oed", "walls", "scaling", "cold")
+WORKS = (
+    "simulate", "sweep", "campaign", "learn", "orders", "estimate", "filter", "oed", "walls", "section",
+    "section_reduction", "scaling", "cold",
+)  # fmt: skip
 
 
 def measured(works: list[str], console: Console) -> Iterator[tuple[str, dict[str, Measured], dict[str, str]]]:

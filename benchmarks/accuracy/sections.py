@@ -1,0 +1,123 @@
+"""A section's full-order model beside finite elements, its reduced model over the priors of the materials beside pyMOR.
+
+`python -m benchmarks.accuracy.sections elements`: 30 days at three points of random coursed rubble, by meshes of which
+each has cells of half the size, against quadratic elements.
+`python -m benchmarks.accuracy.sections materials`: a reduced model of order 60, made once, at values of the materials
+and under faces that it has not seen, against the full-order model: at some values inside the range and at all its
+corners, two prior standard deviations away. Beside it pyMOR's balanced truncation of order 20, made anew at each value.
+"""
+
+import argparse
+import itertools
+import time
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from benchmarks.reference.model_reduction import section_by_pymor
+from benchmarks.reference.stone_section import POINTS, hourly_faces, in_elements, stone_section
+from wallid.models.section import (
+    MaterialRange,
+    full_order_section,
+    material_sensitivity,
+    reduce_section,
+    section_mesh,
+    section_response,
+)
+
+HOUR = 3600.0  # s
+DAYS, COARSE, ELEMENT = 30, 0.006, 0.004  # days; m, of the first mesh beside a joint; m
+SPLIT = 4  # steps of the finite elements in an hour
+FINE, ORDER, TRUNCATED = 0.0022, 60, 20  # m: 9,951 cells; order of the reduced model; order of balanced truncation
+UNSEEN_DAYS, DIFFERENCE = 8, 1e-3  # days; of ln k or ln c either way
+SEED = 2907
+
+
+def elements(console: Console) -> None:
+    """The largest errors of the temperatures at the points, mesh by mesh."""
+    faces = hourly_faces(DAYS, SEED)
+    at = np.arange(SPLIT * (len(faces) - 1) + 1) / SPLIT
+    finer = np.stack([np.interp(at, np.arange(len(faces)), face) for face in faces.T], axis=1)
+    places = np.array([(point.x, point.y) for point in POINTS])
+    references = []
+    for size in track((1.5 * ELEMENT, ELEMENT), "finite elements", console=console, transient=True):
+        references.append(in_elements(size).temperatures(finer, HOUR / SPLIT, places, SPLIT))
+    apart = np.abs(references[0] - references[1]).max()
+    console.print(f"{DAYS} days; finite elements of {ELEMENT} m and of {1.5 * ELEMENT} m differ by {apart:.1e} K")
+    section, last = stone_section(), None
+    mesh = section_mesh(section, COARSE)
+    for _ in track(range(3), "full-order models", console=console, transient=True):
+        full = full_order_section(section, POINTS, mesh=mesh)
+        found = section_response(full.model, full.conductivity, full.heat_capacity, faces, HOUR)
+        error = np.abs(found - references[-1]).max(axis=0)
+        order = "" if last is None else f"; order {', '.join(f'{one:.2f}' for one in np.log2(last / error))}"
+        console.print(f"{mesh.cells.size} cells: {', '.join(f'{one:.5f}' for one in error)} K{order}")
+        mesh, last = mesh.refined(), error
+
+
+def materials(console: Console, inside: int) -> None:
+    """The largest errors of both reductions at each value of the materials."""
+    section = stone_section(FINE)
+    full, span = full_order_section(section, POINTS), MaterialRange.of(section)
+    began = time.perf_counter()
+    reduced = reduce_section(full.model, span, order=ORDER)
+    console.print(f"order {ORDER}, {full.mesh.cells.size} cells, made once in {time.perf_counter() - began:.1f} s")
+    faces = hourly_faces(UNSEEN_DAYS, SEED + 1)
+    corners = np.array(list(itertools.product((-2.0, 2.0), repeat=2 * len(span.log_std))))
+    points = np.vstack([span.points(inside, SEED), corners])
+    rows = []
+    for point in track(points, "values of the materials", console=console, transient=True):
+        k, c = span.at(point)
+        exact = section_response(full.model, k, c, faces, HOUR)
+        theta = _sensitivities(full.model, k, c, faces)
+        own, own_theta = material_sensitivity(reduced.model, k, c, faces, HOUR)
+        size = np.sqrt(np.mean(theta**2, axis=0))
+        relative = (np.abs(own_theta - theta).max(axis=0) / size).max()
+        began = time.perf_counter()
+        truncated = section_by_pymor(full.model, k, c, TRUNCATED)
+        seconds = time.perf_counter() - began
+        other = section_response(truncated, np.ones(1), np.ones(1), faces, HOUR)
+        rows.append([np.abs(own - exact).max() / np.ptp(faces), relative])
+        rows[-1] += [np.abs(other - exact).max() / np.ptp(faces), seconds]
+        values = ", ".join(f"{one:+.1f}" for one in point)
+        console.print(f"({values}): {rows[-1][0]:.1e}, {rows[-1][1]:.1e}; pyMOR {rows[-1][2]:.1e}, {seconds:.1f} s")
+    for name, part in (("inside", np.array(rows[:inside])), ("corners", np.array(rows[inside:]))):
+        u, theta, other, _ = part.max(axis=0)
+        console.print(
+            f"{name}, {len(part)} values: u {u:.1e} of the faces' range, theta {theta:.1e} of its root mean square; "
+            f"balanced truncation of order {TRUNCATED}: u {other:.1e}, {np.median(part[:, 3]):.2f} s a value"
+        )
+
+
+def _sensitivities(model, k: np.ndarray, c: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """The derivatives by ln k, then by ln c, of each material, by differences, K, `(time, param, output)`."""
+    columns = []
+    for step in np.eye(2 * len(k)):
+        up, down = (np.exp(sign * DIFFERENCE * step).reshape(2, -1) for sign in (1, -1))
+        high, low = (section_response(model, k * one[0], c * one[1], faces, HOUR) for one in (up, down))
+        columns.append((high - low) / (2.0 * DIFFERENCE))
+    return np.stack(columns, axis=1)
+
+
+def main() -> None:
+    """Measure one part, or both."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("parts", nargs="*", metavar="PART", help="elements or materials (default: both)")
+    parser.add_argument("--inside", type=int, default=8, help="values of the materials inside their range")
+    arguments = parser.parse_args()
+    parts = arguments.parts or ["elements", "materials"]
+    if unknown := set(parts) - {"elements", "materials"}:
+        parser.error(f"no part {unknown.pop()!r}; there are elements and materials")
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    console = Console()
+    if "elements" in parts:
+        elements(console)
+    if "materials" in parts:
+        materials(console, arguments.inside)
+
+
+if __name__ == "__main__":
+    main()
