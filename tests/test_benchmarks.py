@@ -10,9 +10,12 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from benchmarks.reference.c_recurrence import compiled
 from benchmarks.reference.integrators import by_lsim
+from benchmarks.reference.model_reduction import section_by_pymor
+from benchmarks.reference.section_full_order import FullOrderModel
 from benchmarks.speed import __main__ as program
 from benchmarks.speed.__main__ import WORKS
 from benchmarks.speed.measure import FEWEST, AbsentError, Measured, Prepared, measuring, prepared_here
@@ -23,6 +26,8 @@ from rich.console import Console
 from scipy.signal import lsim
 
 import wallid
+from wallid.case.section import SectionMaterial, coursed_rubble, section_of_regions
+from wallid.models.section import section_response
 
 
 def measured(work, contender, taken, units=1, **error):
@@ -67,6 +72,48 @@ def test_lsim_with_theta_is_lsims_own_difference():
     near = [run(0.2 + s)[0] for s in (-1e-5, 1e-5)]
     np.testing.assert_allclose(theta, (near[1] - near[0]) / 2e-5, atol=1e-5 * np.abs(theta).max())
     assert u.shape == theta.shape == (50, 1)
+
+
+@pytest.fixture(scope="module")
+def section_case():
+    """Three days of hours between smooth faces, a section of 200 nodes, its readings of no account."""
+    materials = SectionMaterial("stone", 1.5, 2.0e6), SectionMaterial("mortar", 0.5, 1.5e6)
+    regions = coursed_rubble(0.2, 0.15, courses=2, stone_length=0.1, joint=0.03, seed=1)
+    section = section_of_regions(0.2, 0.15, materials, regions, step=0.015)
+    hours = np.arange(72.0)
+    columns = {"left": 6 + 4 * np.sin(hours / 4), "right": 19 + np.sin(hours / 5), "T": 12 + np.sin(hours / 4 - 1)}
+    return wallid.Case.from_dataframe(
+        pd.DataFrame({"time": 3600 * hours, **columns}), time="time", left="left", right="right",
+        wall=wallid.Wall(0.2, section.diffusivity_prior), section=section, model="lom",
+        sensors=[wallid.Sensor("T", 0.07, noise_std=0.05, height=0.06)],
+    )  # fmt: skip
+
+
+def test_a_section_in_steps_is_the_section_in_all_its_modes(section_case):
+    full, data = FullOrderModel(section_case), wallid.models.window_data(section_case)
+    alpha = 1.3 * full.diffusivity
+    u, by_log = full.response(alpha, data)
+    fourier, modes = wallid.case.scales(section_case).fourier_number(alpha), full.in_modes()
+    assert modes.order == len(full.section.unknown)
+    expected, theta = wallid.models.propagate(
+        modes, fourier, data.step, data.inputs, data.initial, sensitivity=True
+    )  # exact in time
+    # 1 is 20 K; the first hour has the initial profile's fast modes
+    np.testing.assert_allclose(u[2:], expected[2:], atol=1e-5)
+    np.testing.assert_allclose(u[1], expected[1], atol=1e-4)
+    np.testing.assert_allclose(by_log[2:], fourier * theta[2:], atol=1e-3 * np.abs(by_log).max())
+    later, earlier = (full.response(alpha * np.exp(h), data)[0] for h in (1e-4, -1e-4))
+    np.testing.assert_allclose(by_log, (later - earlier) / 2e-4, atol=1e-6)
+
+
+def test_balanced_truncation_of_a_section_is_its_model_again(section_case):
+    pytest.importorskip("pymor")
+    section = FullOrderModel(section_case).section
+    k, c = section.conductivity * [1.2, 0.8], section.heat_capacity * [0.9, 1.1]
+    faces = np.random.default_rng(1).normal(10.0, 5.0, (48, 2)).cumsum(axis=0) / 7
+    expected = section_response(section.model, k, c, faces, 3600.0)
+    found = section_response(section_by_pymor(section.model, k, c, 20), np.ones(1), np.ones(1), faces, 3600.0)
+    np.testing.assert_allclose(found, expected, atol=1e-4 * np.ptp(faces))
 
 
 def test_a_target_is_met_or_missed():
