@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 from benchmarks.reference.c_recurrence import compiled
 from benchmarks.reference.integrators import by_lsim
-from benchmarks.reference.model_reduction import section_by_pymor
+from benchmarks.reference.model_reduction import response_of_rows, section_by_pymor
 from benchmarks.reference.section_full_order import FullOrderModel
 from benchmarks.speed import __main__ as program
 from benchmarks.speed.__main__ import WORKS
@@ -112,7 +112,7 @@ def test_balanced_truncation_of_a_section_is_its_model_again(section_case):
     k, c = section.conductivity * [1.2, 0.8], section.heat_capacity * [0.9, 1.1]
     faces = np.random.default_rng(1).normal(10.0, 5.0, (48, 2)).cumsum(axis=0) / 7
     expected = section_response(section.model, k, c, faces, 3600.0)
-    found = section_response(section_by_pymor(section.model, k, c, 20), np.ones(1), np.ones(1), faces, 3600.0)
+    found = response_of_rows(section_by_pymor(section.model, k, c, 20), faces, 3600.0)
     np.testing.assert_allclose(found, expected, atol=1e-4 * np.ptp(faces))
 
 

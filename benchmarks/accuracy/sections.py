@@ -1,7 +1,7 @@
 """A section's full-order model beside finite elements, its reduced model over the priors of the materials beside pyMOR.
 
-`python -m benchmarks.accuracy.sections elements`: 30 days at three points of random coursed rubble, by meshes of which
-each has cells of half the size, against quadratic elements.
+`python -m benchmarks.accuracy.sections elements`: 30 days at three points of random coursed rubble, by four meshes of
+which each has cells of half the size, against quadratic elements.
 `python -m benchmarks.accuracy.sections materials`: a reduced model of order 60, made once, at values of the materials
 and under faces that it has not seen, against the full-order model: at some values inside the range and at all its
 corners, two prior standard deviations away. Beside it pyMOR's balanced truncation of order 20, made anew at each value.
@@ -15,20 +15,21 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.reference.model_reduction import section_by_pymor
+from benchmarks.reference.model_reduction import response_of_rows, section_by_pymor
 from benchmarks.reference.stone_section import POINTS, hourly_faces, in_elements, stone_section
 from wallid.models.section import (
     MaterialRange,
+    TensorMesh,
     full_order_section,
     material_sensitivity,
     reduce_section,
-    section_mesh,
     section_response,
 )
+from wallid.models.section.tensor_mesh import graded_lines
 
 HOUR = 3600.0  # s
-DAYS, COARSE, ELEMENT = 30, 0.006, 0.004  # days; m, of the first mesh beside a joint; m
-SPLIT = 4  # steps of the finite elements in an hour
+DAYS, COARSE, MESHES = 30, 0.015, 4  # days; m, of the first mesh's cells: one across a joint
+ELEMENT, SPLIT = 0.005, 8  # m; steps of the finite elements in an hour
 FINE, ORDER, TRUNCATED = 0.0022, 60, 20  # m: 9,951 cells; order of the reduced model; order of balanced truncation
 UNSEEN_DAYS, DIFFERENCE = 8, 1e-3  # days; of ln k or ln c either way
 SEED = 2907
@@ -37,17 +38,20 @@ SEED = 2907
 def elements(console: Console) -> None:
     """The largest errors of the temperatures at the points, mesh by mesh."""
     faces = hourly_faces(DAYS, SEED)
-    at = np.arange(SPLIT * (len(faces) - 1) + 1) / SPLIT
-    finer = np.stack([np.interp(at, np.arange(len(faces)), face) for face in faces.T], axis=1)
     places = np.array([(point.x, point.y) for point in POINTS])
     references = []
-    for size in track((1.5 * ELEMENT, ELEMENT), "finite elements", console=console, transient=True):
-        references.append(in_elements(size).temperatures(finer, HOUR / SPLIT, places, SPLIT))
+    for size, split in track(
+        ((2.0 * ELEMENT, SPLIT // 2), (ELEMENT, SPLIT)), "finite elements", console=console, transient=True
+    ):
+        at = np.arange(split * (len(faces) - 1) + 1) / split
+        finer = np.stack([np.interp(at, np.arange(len(faces)), face) for face in faces.T], axis=1)
+        references.append(in_elements(size).temperatures(finer, HOUR / split, places, split))
     apart = np.abs(references[0] - references[1]).max()
-    console.print(f"{DAYS} days; finite elements of {ELEMENT} m and of {1.5 * ELEMENT} m differ by {apart:.1e} K")
+    console.print(f"{DAYS} days; finite elements of twice the size and step differ by {apart:.1e} K")
     section, last = stone_section(), None
-    mesh = section_mesh(section, COARSE)
-    for _ in track(range(3), "full-order models", console=console, transient=True):
+    (x, x_part), (y, y_part) = (graded_lines(lines, COARSE) for lines in (section.x_lines, section.y_lines))
+    mesh = TensorMesh(x, y, section.cells[np.ix_(y_part, x_part)])
+    for _ in track(range(MESHES), "full-order models", console=console, transient=True):
         full = full_order_section(section, POINTS, mesh=mesh)
         found = section_response(full.model, full.conductivity, full.heat_capacity, faces, HOUR)
         error = np.abs(found - references[-1]).max(axis=0)
@@ -77,7 +81,7 @@ def materials(console: Console, inside: int) -> None:
         began = time.perf_counter()
         truncated = section_by_pymor(full.model, k, c, TRUNCATED)
         seconds = time.perf_counter() - began
-        other = section_response(truncated, np.ones(1), np.ones(1), faces, HOUR)
+        other = response_of_rows(truncated, faces, HOUR)
         rows.append([np.abs(own - exact).max() / np.ptp(faces), relative])
         rows[-1] += [np.abs(other - exact).max() / np.ptp(faces), seconds]
         values = ", ".join(f"{one:+.1f}" for one in point)
