@@ -1,6 +1,6 @@
 """wallid beside what a user would take instead, on the same work in one run: `python -m benchmarks.speed [WORK ...]`.
 
-Without a work all of them, in under 25 minutes on two idle cores. Each contender runs in a process of its own; what is
+Without a work all of them, in about 25 minutes on two cores. Each contender runs in a process of its own; what is
 printed is the median of its runs after the first, the first call with its compilation apart, its peak memory and its
 error against a reference, then what is asked and whether it is met. What is there so far lies in the folder of results
 after each work. The rivals are the extra `bench`.
