@@ -109,7 +109,8 @@ class FullOrderModel:
         assert wall is not None
         total = wall.heat_capacity * own.section.length * own.section.height
         vectors *= np.sqrt(total) / root[:, None]
-        modes = SectionModes(own, wall, rates, vectors, E @ vectors / total)
+        profile = (E @ vectors / total).T @ self.start
+        modes = SectionModes(own, own.conductivity, own.heat_capacity, wall, rates, vectors, profile)
         return modes.state_space(sensor_outputs(self.case), profile_degree(self.case))
 
 

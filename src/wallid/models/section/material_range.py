@@ -42,6 +42,12 @@ class MaterialRange:
         z, std = np.asarray(z).reshape(2, -1), np.array(self.log_std)
         return self.conductivity * np.exp(std * z[0]), self.heat_capacity * np.exp(std * z[1])
 
+    @property
+    def slowest(self) -> np.ndarray:
+        """The corner of the range with the lowest conductivities and the highest heat capacities, as in `at`."""
+        free = np.array(self.log_std) > 0.0
+        return RANGE * np.concatenate([-1.0 * free, 1.0 * free])
+
     def points(self, count: int, seed: int) -> np.ndarray:
         """Points that fill the range evenly, `(count, 2 material)`; 0 where a material is known."""
         free = np.tile(np.array(self.log_std) > 0.0, 2)

@@ -23,8 +23,9 @@ from .krylov_basis import DAY, Values, log_frequencies, orthonormal_basis, snaps
 from .material_range import MaterialRange
 
 _SHIFTS = 8
+_FASTEST = 3.0  # times the shortest period: of the fastest shift; faster ones cost directions that sensitivities need
 _SAMPLES = 12  # values of the materials with snapshots
-_TESTED = 4  # values of the materials, unseen
+_TESTED = 4  # values of the materials, unseen, beside the one at which the section is slowest
 _TESTED_FREQUENCIES = 7
 _ORDERS = (10, 15, 20, 25, 30, 40, 50, 60, 80, 100)  # that an order of None is chosen from
 
@@ -76,7 +77,7 @@ def reduce_section(
     """
     with shown_progress(progress) as report:
         points = np.vstack([np.zeros((1, 2 * len(materials.log_std))), materials.points(_SAMPLES - 1, seed)])
-        shifts = log_frequencies(*periods, _SHIFTS)
+        shifts = log_frequencies(_FASTEST * periods[0], periods[1], _SHIFTS)
         columns = snapshots(
             model, [materials.at(point) for point in points], shifts, lambda text, share: report(text, 0.6 * share)
         )
@@ -97,7 +98,8 @@ class _ErrorTest:
     """The transfer functions of a full-order model at unseen values of the materials and frequencies."""
 
     def __init__(self, model: AffineModel, materials: MaterialRange, periods: tuple[float, float], seed: int):
-        self.values = [materials.at(point) for point in materials.points(_TESTED, seed)]
+        points = [*materials.points(_TESTED, seed), materials.slowest]
+        self.values = [materials.at(point) for point in points]
         self.frequencies = [0.0, *log_frequencies(*periods, _TESTED_FREQUENCIES)]
         self.exact = [self._transfer(model, values) for values in self.values]
 
