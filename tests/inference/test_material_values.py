@@ -231,3 +231,12 @@ def test_a_known_material_is_not_estimated(record):
     assert "diffusivity of stone" not in found.combinations
     assert found.quantities["conductivity of mortar"].value == pytest.approx(0.5, rel=0.1)
     assert section_modes(half_known).equivalent.diffusivity > 0
+
+
+def test_unknown_heights_and_free_materials_together(record, section, fit):
+    """What a sensor reads at its probable heights depends on the materials too: the interval is wider, and true."""
+    found = wallid.estimate(case_of(record, section, (None,) * 4, free="materials"))
+    assert found.interval_95[0] < record[1] < found.interval_95[1]
+    assert found.std > fit.std
+    stone = found.materials.quantities["conductivity of stone"]
+    assert abs(np.log(stone.value / TRUE["stone"][0])) < 3.0 * stone.std / stone.value

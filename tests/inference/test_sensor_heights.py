@@ -163,3 +163,15 @@ def test_sensors_at_one_distance_differ_by_their_heights(records):
     same = [wallid.Sensor(f"T{k + 1}", 0.09, noise_std=0.02, height=0.1) for k in range(2)]
     with pytest.raises(wallid.InputError, match=r"position = 0\.09 m at height = 0\.1 m is that of"):
         wallid.Case.from_dataframe(frame, sensors=same, **columns, **options)
+
+
+def test_amplitudes_are_weights_of_the_heights():
+    """The sum over the heights with these weights has the readings of the mean and the components."""
+    rng = np.random.default_rng(1)
+    deviations, weights = Deviations(rng.normal(size=(40, 6)), rng.normal(size=(40, 6))), rng.uniform(0.5, 1.0, 40)
+    weights /= weights.sum()
+    found, z = principal_components(deviations, weights), np.array([0.7, -1.2, 0.3])
+    of_heights = found.weights_at(z)
+    assert of_heights.sum() == pytest.approx(1.0)
+    assert of_heights @ deviations.readings == pytest.approx(found.mean + z @ found.components)
+    assert of_heights @ deviations.slopes == pytest.approx(found.mean_slope + z @ found.component_slopes)

@@ -31,6 +31,7 @@ from .position_errors import face_position_response, sensor_position_response
 from .sensor_heights import (
     COMPONENTS,
     HEIGHT_KIND,
+    HeightComponents,
     candidate_heights,
     component_name,
     has_uncertain_height,
@@ -80,6 +81,23 @@ class Linearisation:
     def wall(self) -> np.ndarray:
         """The estimates of the wall's own parameters so far, over their prior standard deviations."""
         return self.in_prior_std(self.parameters.of_kind(WallParameters.kind))
+
+    @cached_property
+    def height_components(self) -> dict[int, HeightComponents]:
+        """The components of what each sensor of unknown height reads, by its index."""
+        found = {}
+        for k, sensor in enumerate(self.case.sensors):
+            if has_uncertain_height(self.case, sensor):
+                deviations = height_deviations(self.case, self.data, self.diffusivity, sensor, self.wall)
+                found[k] = principal_components(deviations, candidate_heights(self.case, sensor)[1])
+        return found
+
+    @cached_property
+    def height_weights(self) -> dict[int, np.ndarray]:
+        """The weights of each such sensor's heights at the estimates so far, by its index."""
+        z = self.in_prior_std(self.parameters.of_kind(SensorHeights.kind)).reshape(-1, COMPONENTS)
+        pairs = zip(self.height_components.items(), z, strict=True)
+        return {k: found.weights_at(amplitudes) for (k, found), amplitudes in pairs}
 
 
 class LinearEffect(NamedTuple):
@@ -181,11 +199,7 @@ class SensorHeights(NuisanceKind):
         """The components at the point's diffusivity, the mean over the heights, and the slope of both."""
         columns, z = np.zeros((len(names), *point.shape)), point.in_prior_std(names)
         change, slope = np.zeros((2, *point.shape))
-        uncertain = [k for k, sensor in enumerate(point.case.sensors) if has_uncertain_height(point.case, sensor)]
-        for number, k in enumerate(uncertain):
-            sensor = point.case.sensors[k]
-            deviations = height_deviations(point.case, point.data, point.diffusivity, sensor, point.wall)
-            found = principal_components(deviations, candidate_heights(point.case, sensor)[1])
+        for number, (k, found) in enumerate(point.height_components.items()):
             own = slice(COMPONENTS * number, COMPONENTS * (number + 1))
             columns[own, :, k] = found.components
             change[:, k] = found.mean + z[own] @ found.components
@@ -225,14 +239,20 @@ class WallParameters(NuisanceKind):
 
     def effect(self, names: Sequence[str], point: Linearisation) -> LinearEffect:
         """The effect by central differences of the full-order model."""
-        fourier = on_device(scales(point.case).fourier_number(point.diffusivity))
+        fourier, kelvin = on_device(scales(point.case).fourier_number(point.diffusivity)), float(point.data.temperature)
+
+        def response(wall: np.ndarray) -> np.ndarray:
+            readings = np.array(simulate_window(full_order_model_with_plates(point.case, wall), fourier, point.data)[0])
+            readings *= kelvin
+            for k, weights in point.height_weights.items():
+                sensor = point.case.sensors[k]
+                own = height_deviations(point.case, point.data, point.diffusivity, sensor, wall)
+                readings[:, k] += weights @ own.readings
+            return readings
+
         columns = np.zeros((len(names), *point.shape))
         for k, step in enumerate(_DIFFERENCE_STEP * np.eye(len(names))):
-            low, high = (
-                np.asarray(simulate_window(full_order_model_with_plates(point.case, wall), fourier, point.data)[0])
-                for wall in (point.wall - step, point.wall + step)
-            )
-            columns[k] = float(point.data.temperature) * (high - low) / (2 * _DIFFERENCE_STEP)
+            columns[k] = (response(point.wall + step) - response(point.wall - step)) / (2 * _DIFFERENCE_STEP)
         return LinearEffect(columns, point.wall)
 
 

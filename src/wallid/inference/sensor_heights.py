@@ -128,12 +128,20 @@ class HeightComponents(NamedTuple):
     Args:
         mean, mean_slope: K, `(time,)`.
         components, component_slopes: K for one standard deviation, `(component, time)`.
+        weights: of the heights at amplitudes of zero, `(height,)`; by them the components are sums over the heights:
+        component_weights: `(component, height)`.
     """
 
     mean: np.ndarray
     mean_slope: np.ndarray
     components: np.ndarray
     component_slopes: np.ndarray
+    weights: np.ndarray
+    component_weights: np.ndarray
+
+    def weights_at(self, amplitudes: np.ndarray) -> np.ndarray:
+        """The weights of the heights whose sum of readings has these amplitudes, of sum 1, `(height,)`."""
+        return self.weights + amplitudes @ self.component_weights
 
 
 def principal_components(deviations: Deviations, weights: np.ndarray) -> HeightComponents:
@@ -146,7 +154,9 @@ def principal_components(deviations: Deviations, weights: np.ndarray) -> HeightC
     largest = np.argmax(np.abs(directions), axis=0)
     directions = directions * np.sign(directions[largest, np.arange(directions.shape[1])])  # the same sign each time
     components, slopes = (_padded(directions.T @ part) for part in centred)
-    return HeightComponents(means[0], means[1], components, slopes)
+    of_heights = directions.T * root[:, 0]
+    of_heights = of_heights - of_heights.sum(axis=1, keepdims=True) * weights  # of the deviations from their mean
+    return HeightComponents(means[0], means[1], components, slopes, weights, _padded(of_heights))
 
 
 def _padded(components: np.ndarray) -> np.ndarray:
