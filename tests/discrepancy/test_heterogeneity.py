@@ -260,3 +260,21 @@ def test_an_effect_that_explains_as_much_as_the_section_is_an_alternative(diagno
     assert effect["alternatives"] == [{"name": "clock_shift", "target": None}]
     low, high = doubted.interval_95
     assert low <= rival.interval_95[0] * 1.0000001 and high >= rival.interval_95[1] * 0.9999999
+
+
+def test_a_section_of_one_material_is_a_wall_in_one_dimension(record):
+    case = case_of(record[0])
+    section = section_of_regions(
+        0.3, 0.24, [SectionMaterial("stone", 1.2, 1.9e6)], [Region("stone", (0, 0.3), (0, 0.24))]
+    )
+    problem = diagnosis_problem(replace(case, section=section))
+    assert not problem.has_pattern and problem.model.pattern is None
+    assert not [name for name in problem.parameters.names if name.startswith(HEIGHT_KIND)]
+
+
+def test_a_part_of_a_record_may_be_shorter_than_a_window(record):
+    """A break of a face leaves a part that is shorter than `window_days`: the diagnosis has no windows of its own."""
+    broken = record[0].copy()
+    broken.loc[110:120, "left"] = np.nan
+    problem = diagnosis_problem(case_of(broken, window_days=8.0))
+    assert problem.record.rows < 120 and problem.readings.shape == (problem.record.rows, 2)

@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from .._internal.arrays import on_device
 from .._internal.errors import InputError
+from .._internal.units import DAY
 from ..case.case_definition import Case
 from ..case.time_window import Window, diagnosis_window
 from ..case.wall_and_sensors import SIDES
@@ -278,9 +279,12 @@ def diagnosis_problem(case: Case) -> DiagnosisProblem:
         RuntimeError: 64-bit floats are switched off.
     """
     require_x64()
-    stated, window = case, diagnosis_window(case)
-    if stated.section is not None:
-        case = stated.in_one_dimension()
+    window = diagnosis_window(case)
+    # no part of a diagnosis has windows of its own, and its record may be shorter than one
+    days = min(case.choices.window_days, window.rows * case.record.step / DAY)
+    stated = replace(case, choices=replace(case.choices, window_days=days))
+    case = stated if stated.section is None else stated.in_one_dimension()
+    has_pattern = stated.section is not None and not stated.section.is_homogeneous
     record = case.record.window(window.row, window.rows)
     readings = _readings(case, record)
     present = np.isfinite(readings)
@@ -298,17 +302,17 @@ def diagnosis_problem(case: Case) -> DiagnosisProblem:
         effects=effects,
         log_prior=on_device(np.log(case.wall.diffusivity_prior)),
         reference_conductivity=on_device(initial_conductivity(case, window) if fluxes_of(case) else 1.0),
-        pattern=None if stated.section is None else section_pattern(stated, window, case.wall.diffusivity_prior),
+        pattern=section_pattern(stated, window, case.wall.diffusivity_prior) if has_pattern else None,
         sensors=tuple(sensor.name for sensor in case.sensors),
         substeps=max(1, int(np.ceil(record.step / MAX_SUBSTEP))),
     )
     bins, spacing = bin_readings(present, np.where(present, readings, 0.0))
     entries = tuple(EffectParameters(effect, effect.parameter_names(model.sensors)) for effect in effects)
     testable = tuple(one for one in entries if logged.issuperset(one.effect.required_regressors()))
-    parameters = _parameters(stated, window, search_range, entries)
+    parameters = _parameters(stated if has_pattern else case, window, search_range, entries)
     return DiagnosisProblem(
         case, stated, record, readings, model, bins, spacing, testable, parameters, search_range,
-        has_pattern=model.pattern is not None,
+        has_pattern=has_pattern,
     )  # fmt: skip
 
 

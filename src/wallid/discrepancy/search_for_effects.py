@@ -60,7 +60,7 @@ def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
     """
     with shown_progress(progress) as report:
         plain = _fit_plain_model(case, report)
-        if case.section is not None:
+        if plain.fits.problem.has_pattern:
             return _search_in_section(plain, report)
         mixup = _complete_mixup(plain, report)
         found = _search(plain, report) if mixup is None else _search_corrected(plain, mixup, report)

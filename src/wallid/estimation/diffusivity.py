@@ -171,7 +171,8 @@ def _system_and_description(case: Case, model: StateSpace | LearnedModel) -> tup
     """A model's system, its description, and whether it is a reduced-order model."""
     system = model.system if isinstance(model, LearnedModel) else model
     reduced = isinstance(model, LearnedModel) or system.order < order_of_full_model(case)
-    return system, f"{'reduced' if reduced else 'full'}-order model of order {system.order}", reduced
+    kind = "reduced-order model" if reduced else "full-order model" if case.section is None else "model of the section"
+    return system, f"{kind} of order {system.order}", reduced
 
 
 def estimate_by_gls(

@@ -92,6 +92,11 @@ class Section:
         return self.bottom == self.top == "adiabatic"
 
     @property
+    def is_homogeneous(self) -> bool:
+        """Whether all is of one material."""
+        return len(np.unique(self.cells)) == 1
+
+    @property
     def why_not_estimated(self) -> str:
         """Why an estimate does not take this section; empty where it does."""
         if not self.is_adiabatic:
