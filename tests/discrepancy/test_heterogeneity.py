@@ -17,7 +17,7 @@ import wallid
 from wallid.case.section import Region, SectionMaterial, section_of_regions
 from wallid.case.time_window import entire_record
 from wallid.cli.commands import app
-from wallid.discrepancy.heterogeneity.heterogeneity import _SizeLikelihood, heterogeneity_of
+from wallid.discrepancy.heterogeneity.heterogeneity import _SizeLikelihood, compare_walls
 from wallid.discrepancy.heterogeneity.section_pattern import section_pattern
 from wallid.discrepancy.problem import diagnosis_problem
 from wallid.discrepancy.selection.candidate_fits import plain_model_of
@@ -103,7 +103,7 @@ def test_a_homogeneous_wall_contradicts_the_section():
     """The same stated section, but stone and mortar are of one material."""
     frame, truth = simulated(dict.fromkeys(MATERIALS, (1.2, 1.9e6)), 2909)
     found = wallid.diagnose(case_of(frame))
-    assert found.heterogeneity.is_contradicted and found.heterogeneity.size < 0.3
+    assert found.heterogeneity.is_contradicted and found.heterogeneity.evidence < -20.0
     assert found.verdict == "adequate" and not found.to_dict()["effects"]
     low, high = found.interval_95
     assert low < truth < high
@@ -111,11 +111,14 @@ def test_a_homogeneous_wall_contradicts_the_section():
 
 
 def test_what_the_record_cannot_tell_spans_both(diagnosis):
-    """As if the evidence were small: the interval spans the wall with the section and the homogeneous one."""
+    """As if the evidence were small: the interval spans both walls, and the effects of the other one are said."""
     doubtful = replace(diagnosis, heterogeneity=replace(diagnosis.heterogeneity, evidence=2.0))
-    assert doubtful.verdict == "adequate" and "cannot distinguish the section" in doubtful.sentence
+    other = diagnosis.other_wall
+    assert other.effects and doubtful.verdict == "confusable" and not doubtful.to_dict()["effects"]
+    assert "cannot distinguish the section" in doubtful.sentence
+    assert other.problem.label(other.effects[0].effect_parameters.effect) in doubtful.sentence
     low, high = doubtful.interval_95
-    ends = [*diagnosis.interval_95, *diagnosis.homogeneous.interval_95]
+    ends = [*diagnosis.interval_95, *other.interval_95]
     assert (low, high) == pytest.approx((min(ends), max(ends)))
 
 
@@ -164,10 +167,15 @@ def test_the_likelihood_of_the_size_is_the_dense_gaussian(plain):
 
     for size in (0.3, 1.0, 2.0):
         assert likelihood(size) - likelihood(0.0) == pytest.approx(dense(size) - dense(0.0), rel=1e-3, abs=0.05)
-    found = heterogeneity_of(fit)
-    assert found.evidence == pytest.approx(dense(0.0) - dense(1.0), rel=1e-3)
+    found = compare_walls(fit, fit)
     best = scipy.optimize.minimize_scalar(dense, bounds=(0.0, 5.0), method="bounded").x
     assert found.size == pytest.approx(best, abs=0.02)
+    # of the same fit the evidence is what the amplitudes' priors cost, with the opposite sign
+    whitened = fit.noise.whitening @ C
+    others = np.concatenate([fit.noise.whitening @ J, np.eye(J.shape[1])])
+    padded = np.pad(whitened, ((0, J.shape[1]), (0, 0)))
+    padded = padded - others @ np.linalg.lstsq(others, padded, rcond=None)[0]
+    assert found.evidence == pytest.approx(-np.linalg.slogdet(np.eye(len(own)) + padded.T @ padded)[1], rel=1e-3)
 
 
 def test_the_error_of_one_dimension_is_that_of_estimates(record):
@@ -250,16 +258,20 @@ def test_the_section_command_says_what_one_dimension_costs(case_file, tmp_path):
     assert (tmp_path / "out" / "one-dimension.png").exists()
 
 
-def test_an_effect_that_explains_as_much_as_the_section_is_an_alternative(diagnosis):
-    """As if one effect of a homogeneous wall explained the record as well."""
-    slot = next(one for one in diagnosis.problem.library if one.effect.name == "clock_shift")
-    rival = replace(diagnosis.homogeneous, active=(slot,))
-    doubted = replace(diagnosis, section_rivals=(rival,))
-    assert doubted.verdict == "confusable" and "clock shift" in doubted.sentence
-    (effect,) = doubted.to_dict()["effects"]
-    assert effect["alternatives"] == [{"name": "clock_shift", "target": None}]
-    low, high = doubted.interval_95
-    assert low <= rival.interval_95[0] * 1.0000001 and high >= rival.interval_95[1] * 0.9999999
+def test_a_size_that_excludes_the_section_is_not_the_section(diagnosis):
+    doubted = replace(diagnosis, heterogeneity=replace(diagnosis.heterogeneity, size=0.3, std=0.05))
+    assert not doubted.shows_heterogeneity and doubted.verdict == "confusable"
+    assert "where the section says 1" in doubted.sentence
+
+
+def test_faults_of_instruments_are_not_taken_for_stones():
+    """A homogeneous wall with a stated section and two faults: the wall with the faults explains the record."""
+    frame, truth = simulated(dict.fromkeys(MATERIALS, (1.2, 1.9e6)), 2910)
+    frame["T1"] += 0.3
+    frame["left"] -= 1.0
+    found = wallid.diagnose(case_of(frame))
+    low, high = found.interval_95
+    assert not found.shows_heterogeneity and low < truth < high
 
 
 def test_a_section_of_one_material_is_a_wall_in_one_dimension(record):

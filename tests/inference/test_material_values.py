@@ -1,5 +1,7 @@
 """Conductivity and heat capacity of each material of a section, estimated within priors."""
 
+import json
+
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
@@ -8,9 +10,12 @@ from benchmarks.reference.analytic_slab import weather
 from benchmarks.reference.section_by_finite_elements import ElementSection, Rectangle
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pages import check
+from typer.testing import CliRunner
 
 import wallid
 from wallid.case.section import Region, SectionMaterial, section_of_regions
+from wallid.cli.commands import app
 from wallid.inference.material_values import conditioned
 from wallid.models.finite_volume_wall import Output
 from wallid.models.integration import simulate
@@ -240,3 +245,23 @@ def test_unknown_heights_and_free_materials_together(record, section, fit):
     assert found.std > fit.std
     stone = found.materials.quantities["conductivity of stone"]
     assert abs(np.log(stone.value / TRUE["stone"][0])) < 3.0 * stone.std / stone.value
+
+
+def test_the_command_writes_the_materials(record, section, tmp_path):
+    """`wallid estimate --free materials` on a case file."""
+    record[0].to_csv(tmp_path / "record.csv", index=False)
+    lines = ["[wall]", "length = 0.3", "[record]", 'file = "record.csv"', 'time = "time"', 'left = "left"']
+    lines += ['right = "right"', "[choices]", 'model = "lom"', "window_days = 8", "[section]", "height = 0.24"]
+    for name, (k, c) in STATED.items():
+        lines += ["[[section.material]]", f'name = "{name}"', f"conductivity = {k}", f"heat_capacity = {c}"]
+    for one in REGIONS:
+        lines += ["[[section.region]]", f'material = "{one.material}"', f"x = {list(one.x)}", f"y = {list(one.y)}"]
+    for name, x, y in zip("abcd", PLACES, HEIGHTS, strict=True):
+        lines += ["[[sensor]]", f'name = "{name}"', f"position = {x}", f"height = {y}", "noise_std = 0.02"]
+    (tmp_path / "case.toml").write_text("\n".join(lines))
+    words = ["estimate", str(tmp_path), "--free", "materials", "--out", str(tmp_path / "out"), "--json"]
+    ended = CliRunner().invoke(app, words)
+    assert ended.exit_code == 0, ended.output
+    found = json.loads(ended.stdout)["materials"]
+    assert found["parameters"] == list(found["values"]) and len(found["correlations"]) == 4
+    check((tmp_path / "out" / "report.html").read_text("utf-8"))

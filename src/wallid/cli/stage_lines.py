@@ -94,7 +94,8 @@ def _diagnose(run: Run) -> str:
     found = run.diagnosis
     assert found is not None
     effects = [found.problem.label(named.effect_parameters.effect) for named in found.effects]
-    names = "; ".join([*(["heterogeneity"] if found.shows_heterogeneity else []), *effects])
+    shown = ["heterogeneity"] if found.shows_heterogeneity and found.verdict in ("named", "confusable") else []
+    names = "; ".join([*shown, *effects])
     return f"{found.verdict}{names and f': {names}'}"
 
 

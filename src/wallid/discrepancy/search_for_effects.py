@@ -5,28 +5,25 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
-from .._internal.progress import Progress, shown_progress
+from .._internal.progress import Progress, part_of, shown_progress
 from ..case.case_definition import Case
 from ..case.mixups import visible_mixups
 from ..estimation.materials import implausible
 from ..estimation.unknown_heat import UnknownHeat
 from .compilation import compile_together
 from .cross_validation import cross_validate
-from .effect_fit import EffectFit, refit
-from .heterogeneity.heterogeneity import heterogeneity_of
+from .effect_fit import EffectFit
+from .heterogeneity.heterogeneity import compare_walls
 from .mixups.mixup_search import MixupFit, best_mixup, copied_sensor, is_rather_a_lag, wrong_length_unit
 from .next_measurement.search import what_to_measure
 from .problem import diagnosis_problem
 from .result.diagnosis_result import Diagnosis
 from .screening import screen, screening_of
-from .selection.acceptance import RIVAL, penalised_cost
+from .selection.acceptance import FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL, RIVAL, penalised_cost
 from .selection.candidate_fits import CandidateFits, plain_model_of
 from .selection.score_test import CandidateScores
 from .selection.stepwise_selection import StepwiseSelection
 from .unexplained_heat import UnexplainedHeat
-
-_RIVALS = 5  # effects that are compared with the section
-_GAIN_MARGIN = 0.35  # relative error allowed for in an expected gain
 
 
 def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
@@ -39,8 +36,8 @@ def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
     answer what the record leaves open.
 
     Where the case has a section of stones and mortar, the wall is taken in one dimension, and what the section changes
-    in the readings is part of the plain model: the effect `heterogeneity`, named where the record shows it. Mix-ups and
-    the next measurement are then not sought.
+    in the readings is part of a plain model. The search is made in it and in a homogeneous wall, and the effect
+    `heterogeneity` is named where the record shows the section. Mix-ups and the next measurement are not sought then.
 
     Args:
         case: the case; its window is the entire record, or `[choices] diagnose_days`.
@@ -74,39 +71,25 @@ def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
 
 
 def _search_in_section(plain: _PlainModel, progress: Progress) -> Diagnosis:
-    """The search where the case has a section, with the evidence for its pattern."""
-    progress("diagnose: stones and mortar against a homogeneous wall", 0.4)
-    heterogeneity = heterogeneity_of(plain.fit)
-    homogeneous = plain_model_of(plain.fits.problem.without_pattern())
+    """The search where the case has a section: in its model and in the homogeneous wall, which are then compared."""
+    with_section = _search(plain, part_of(progress, 0.0, 0.6))
+    fits, fit = plain_model_of(plain.fits.problem.without_pattern())
+    homogeneous = _search(_PlainModel(fits, fit, fits.score_candidates(fit)), part_of(progress, 0.5, 0.98))
+    prices = _price_of_effects(with_section), _price_of_effects(homogeneous)
+    heterogeneity = compare_walls(with_section.final, homogeneous.final, prices)
     if heterogeneity.is_contradicted:
-        fits, fit = homogeneous
-        plain = _PlainModel(fits, fit, fits.score_candidates(fit))
-    found = replace(_search(plain, progress), heterogeneity=heterogeneity)
-    if not heterogeneity.is_contradicted:
-        fits, fit = homogeneous
-        found = replace(found, homogeneous=fits.plain_estimate(fit))
+        found = replace(homogeneous, heterogeneity=heterogeneity, other_wall=with_section)
+    else:
+        found = replace(with_section, heterogeneity=heterogeneity, other_wall=homogeneous)
     if found.shows_heterogeneity:
-        rivals = _rivals_of_section(homogeneous[0], refit(
-            homogeneous[0].problem, (), homogeneous[1].parameters, plain.fit.noise
-        ), heterogeneity.evidence)  # fmt: skip
-        found = replace(found, section_rivals=rivals)
         found = replace(found, gap=replace(found.gap, before=found.estimate_before.gap, held_out_before=None))
     return replace(found, unknown_heat=_unknown_heat(found, progress))
 
 
-def _rivals_of_section(fits: CandidateFits, homogeneous: EffectFit, evidence: float) -> tuple[EffectFit, ...]:
-    """The fits of a homogeneous wall with one effect that explain the record about as well as its section does.
-
-    Args:
-        fits: of the homogeneous wall.
-        homogeneous: its plain model, with the noise of the model with the section.
-        evidence: drop of -2 log L by the section.
-    """
-    scores = fits.score_candidates(homogeneous)
-    near = [k for k in scores.best_penalised(_RIVALS) if scores.gain[k] > (1.0 - _GAIN_MARGIN) * evidence - RIVAL]
-    tried = [fits.add_candidates(scores, (k,)) for k in near]
-    limit = penalised_cost(homogeneous) - evidence + RIVAL
-    return tuple(fit for fit in tried if penalised_cost(fit) < limit and fits.acceptable(fit))
+def _price_of_effects(found: Diagnosis) -> float:
+    """The gain in -2 log L that chance alone gives to the effects that a search has named."""
+    levels = (FIRST_EFFECT_LEVEL, *(FURTHER_EFFECT_LEVEL,) * len(found.effects))[: len(found.effects)]
+    return sum(found.scores.threshold(level) for level in levels)
 
 
 def _unknown_heat(found: Diagnosis, progress: Progress) -> UnknownHeat | None:

@@ -88,13 +88,13 @@ class CostOfOneDimension(ResultObject):
     def __str__(self) -> str:
         spread = f" +- {self.std:.1%} over the heights that are not known" if self.std > 0.0 else ""
         lines = [
-            f"one dimension: an estimate of a homogeneous wall is off by {self.mean:+.1%}{spread}; it would state "
-            f"+- {self.log_std:.1%}"
+            f"one dimension: an estimate of a homogeneous wall is off by {np.expm1(self.mean):+.1%}{spread}; it would "
+            f"state +- {self.log_std:.1%}"
         ]
         lines += [
-            f"             {name} alone by {one.bias.min():+.1%} to {one.bias.max():+.1%}"
+            f"             {name} alone by {np.expm1(one.bias.min()):+.1%} to {np.expm1(one.bias.max()):+.1%}"
             if one.std > 0.0
-            else f"             {name} alone by {one.mean:+.1%}"
+            else f"             {name} alone by {np.expm1(one.mean):+.1%}"
             for name, one in self.sensors.items()
         ]
         return "\n".join(lines)
@@ -103,7 +103,7 @@ class CostOfOneDimension(ResultObject):
 def cost_of_one_dimension(case: Case, window: Window | None = None) -> CostOfOneDimension:
     """The error of an estimate in one dimension from the faces of a record, by the section's model.
 
-    The materials are as stated, the noise is that stated, and fluxes are not used.
+    The materials are as stated, the noise is that stated, no reading is missing, and fluxes are not used.
 
     Args:
         case: with a section and inner sensors.

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._internal.arrays import on_device
+from .._internal.errors import InputError
 from .._internal.html import html_table
 from .._internal.result_object import ResultObject, plain_value
 from .._internal.units import DAY
@@ -190,8 +191,13 @@ def predict(case: Case, fit: Estimate, model: StateSpace | None = None) -> Predi
         measured and predicted temperatures, their uncertainty, and the heat through the inner face.
 
     Raises:
-        InputError: a reduced-order model lacks an input of the record.
+        InputError: a reduced-order model lacks an input of the record, or materials of a section were estimated: the
+            model here has the stated ones.
     """
+    if "materials" in case.choices.free:
+        raise InputError(
+            '[choices] free = "materials": a prediction has the stated materials; state the values found, without free'
+        )
     window = entire_record(case)
     inner = 0.0 if case.wall.inside == "left" else case.wall.length
     full = full_order_model(case, [*sensor_outputs(case, "gradient"), Output(inner, "flux")])

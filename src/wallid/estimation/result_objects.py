@@ -79,7 +79,7 @@ class Estimate(ResultObject):
         wall_parameters: the other estimated parameters of the wall (`[choices] free`): "layer 1" and so on, m2/s;
             "film_left" and "film_right", conductivity over film coefficient, m; of a section "conductivity of stone",
             W/m/K, "heat_capacity of stone", J/m3/K, and so on.
-        materials: what the record tells apart of a section's materials; None where they are not estimated.
+        materials: what the record determines of a section's materials; None where they are not estimated.
         sensor_places: of each sensor of unknown height in a section: in which material it probably is.
         disturbance: heat that the model does not know, as the interval counts it; None where none was found or asked
             for.

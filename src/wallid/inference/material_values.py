@@ -2,7 +2,7 @@
 
 The readings say the diffusivity of the equivalent wall, and by their course the ratios of the materials' values; with
 flux plates they say its conductivity too. The fit has the equivalent wall's diffusivity (and conductivity) as
-parameters of their own, without a prior. What joins them to the materials is a condition,
+parameters of their own, without a prior or with a wide one. What joins them to the materials is a condition,
 
     g(y) = ln(alpha) - ln(alpha_eq(k_1, ..., c_1, ...)) = 0,        with plates also  ln(k) - ln(k_eq(k_1, ...)) = 0
 
@@ -42,7 +42,7 @@ _LEARNED = 0.5  # posterior over prior standard deviation, below which a combina
 
 @dataclass(frozen=True, eq=False)
 class MaterialValues(ResultObject):
-    """The values of a section's materials, and what the record can tell apart of them.
+    """The values of a section's materials.
 
     Args:
         quantities: conductivity, W/m/K, and heat capacity, J/m3/K, by names such as "conductivity of stone".
@@ -61,11 +61,12 @@ class MaterialValues(ResultObject):
 
     def to_dict(self) -> dict[str, Any]:
         """Values and combinations with their priors, and the correlations, as plain numbers."""
-        entries = {
+        entries: dict[str, Any] = {
             key: {name: one.result() | {"prior_log_std": self.prior_log_std[name]} for name, one in group.items()}
             for key, group in (("values", self.quantities), ("combinations", self.combinations))
         }
-        return plain_value({**entries, "correlations": self.correlations, "learned": self.learned})
+        entries |= {"parameters": list(self.quantities), "correlations": self.correlations, "learned": self.learned}
+        return plain_value(entries)
 
     def _repr_html_(self) -> str:
         rows = [interval_row(name, one) for name, one in (self.quantities | self.combinations).items()]
@@ -85,8 +86,8 @@ class MaterialValues(ResultObject):
         )
         lines = [f"materials    the record determines {known} of their {count} values twice as well as the priors do"]
         lines += [
-            f"             {name.replace('_', ' ')} {one}: to {one.std / one.value:.0%}, by the priors alone to "
-            f"{self.prior_log_std[name]:.0%}"
+            f"             {name.replace('_', ' ')} {one}: to {one.std / one.value:.2g} of it, by the priors alone to "
+            f"{self.prior_log_std[name]:.2g}"
             for name, one in (self.quantities | self.combinations).items()
         ]
         return "\n".join(lines)

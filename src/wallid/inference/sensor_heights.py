@@ -103,6 +103,8 @@ def section_minus_homogeneous(case: Case, window: Window, diffusivity: float) ->
         case: with a section. window: the rows.
         diffusivity: m2/s, of the equivalent wall.
     """
+    if not case.sensors:
+        return []
     data, fourier = window_data(case, window), scales(case).fourier_number(diffusivity)
     heights = [heights_in_section(case, sensor)[0] for sensor in case.sensors]
     outputs = [

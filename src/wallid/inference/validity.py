@@ -152,7 +152,7 @@ def why_contradicted(case: Case, fit: GLSFit) -> str:
 def what_to_do(case: Case) -> str:
     """What to do where an effect is missing from the model."""
     search = "run wallid diagnose to search for it"
-    if case.section is None:
+    if case.section is None or case.section.is_homogeneous or case.choices.free:
         return search
     return f'{search}; check its regions and the sensors\' heights, or take [choices] free = "materials"'
 

@@ -63,8 +63,8 @@ class Findings:
         unexplained: heat that would explain the residual of `final`; sought where no test shows anything else.
         unknown_heat: the course of the heat that would explain what no known effect does; None where nothing is left.
         heterogeneity: the pattern of the case's section as the record shows it; None without a section.
-        section_rivals: fits of the homogeneous wall with one effect, which the record cannot tell from the section.
-        homogeneous: the estimate of the homogeneous wall where the pattern is in the model; None elsewhere.
+        other_wall: the findings in the homogeneous wall, or in the section where that is contradicted; None without a
+            section.
     """
 
     problem: DiagnosisProblem = field(repr=False)
@@ -85,8 +85,7 @@ class Findings:
     unexplained: UnexplainedHeat | None = field(default=None, repr=False)
     unknown_heat: UnknownHeat | None = field(default=None, repr=False)
     heterogeneity: Heterogeneity | None = None
-    homogeneous: EffectFit | None = field(default=None, repr=False)
-    section_rivals: tuple[EffectFit, ...] = field(default=(), repr=False)
+    other_wall: Findings | None = field(default=None, repr=False)
 
     @property
     def final(self) -> EffectFit:
@@ -102,9 +101,22 @@ class Findings:
             return "unnamed"
         if not self.effects:
             found = self.mixups or self.shows_heterogeneity
-            return "confusable" if self.section_rivals else "named" if found else "adequate"
-        ambiguous = self.section_rivals or any(named.alternatives for named in self.effects)
+            return "confusable" if self._walls_differ else "named" if found else "adequate"
+        ambiguous = self._walls_differ or any(named.alternatives for named in self.effects)
         return "confusable" if ambiguous else "named"
+
+    @property
+    def undecided_wall(self) -> Findings | None:
+        """The findings in the other wall, where the record tells neither the section nor a homogeneous wall."""
+        found = self.heterogeneity
+        return None if found is None or found.is_clear or found.is_contradicted else self.other_wall
+
+    @property
+    def _walls_differ(self) -> bool:
+        """Whether the record tells neither wall, and other effects are named in the other one."""
+        names = [{self.problem.label(one.effect_parameters.effect) for one in found.effects}
+                 for found in (self, self.undecided_wall or self)]  # fmt: skip
+        return names[0] != names[1]
 
     @cached_property
     def uninformative(self) -> str:
@@ -151,8 +163,8 @@ class Findings:
     @property
     def estimate_before(self) -> EffectFit:
         """The estimate before a correction, or of the homogeneous wall where the record shows it to be none."""
-        shown = self.homogeneous if self.shows_heterogeneity else None
-        return self.uncorrected or shown or self.plain
+        shown = self.other_wall if self.shows_heterogeneity else None
+        return self.uncorrected or (self.plain if shown is None else shown.plain)
 
     @property
     def shows_heterogeneity(self) -> bool:
@@ -163,8 +175,9 @@ class Findings:
     def shown_models(self) -> tuple[ShownModel, ...]:
         """The model to begin with, and the final one where it is another: with effects, or with a section."""
         plain = ShownModel("plain model", self.before, self.residual_tests_before)
-        if self.homogeneous is not None and self.shows_heterogeneity:
-            first = ShownModel("homogeneous wall", self.homogeneous, run_residual_tests(self.homogeneous))
+        if self.other_wall is not None and self.shows_heterogeneity:
+            homogeneous = self.other_wall.plain
+            first = ShownModel("homogeneous wall", homogeneous, run_residual_tests(homogeneous))
             plain = plain._replace(label="with the section")
         else:
             first = plain
@@ -226,9 +239,8 @@ class Findings:
         low, high = one.of(self.final).interval_95
         rivals = [fit for fit in self.rivals if any(effect in fit.active for effect in self._alternatives)]
         ends = [low, high, *(end for fit in rivals for end in one.of(fit).interval_95)]
-        ends += [end for fit in self.section_rivals for end in one.of(fit).interval_95]
-        if self.homogeneous is not None and not self.shows_heterogeneity:  # the record tells neither from the other
-            ends += one.of(self.homogeneous).interval_95
+        if self.undecided_wall is not None:
+            ends += self.undecided_wall.interval_of(one)
         if self.heat_left is not None:
             ends += one.of(self.heat_left.fit_beside).interval_95
         low, high = min(ends), max(ends)

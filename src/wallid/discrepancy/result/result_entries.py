@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..._internal.result_object import plain_value
 from ...records.uniform_record import Record
 from ..cross_validation import Gap
 from ..effects.catalogue import untestable
@@ -47,6 +48,7 @@ def diagnosis_entries(findings: Findings) -> dict[str, Any]:
         ]
         + _heterogeneity(findings),
         "unknown_heat": None if findings.unknown_heat is None else findings.unknown_heat.to_dict(),
+        "heterogeneity": None if findings.heterogeneity is None else plain_value(vars(findings.heterogeneity)),
         "next": [one.to_dict(lambda effect: problem.target_name(effect.effect)) for one in findings.prescriptions],
         **_gap(findings.gap),
     }
@@ -63,11 +65,7 @@ def _heterogeneity(findings: Findings) -> list[dict[str, Any]]:
             "name": "heterogeneity",
             "target": None,
             "parameters": {"size": {"value": found.size, "std": found.std, "unit": ""}},
-            "alternatives": [
-                {"name": one.effect.name, "target": findings.problem.target_name(one.effect)}
-                for fit in findings.section_rivals
-                for one in fit.active
-            ],
+            "alternatives": [],
             "expected_gain": found.evidence,
             "gain": found.evidence,
             "p_value": found.p_value,

@@ -10,6 +10,7 @@ from ...inference.quantity import Quantity
 from ...models.flux_plates import fluxes_of
 from ..effects.catalogue import untestable
 from ..problem import DiagnosisProblem, EffectParameters
+from ..selection.acceptance import RIVAL
 from ..selection.effect_results import NamedEffect
 from .findings import Findings
 from .wall_properties import RESISTANCE
@@ -43,17 +44,21 @@ def _pattern_of_section(findings: Findings) -> list[str]:
             f"(-2 log L by {-found.evidence:.1f}), and is used here; check the materials, the joints and the heights."
         ]
     if not found.is_clear:
+        other = findings.other_wall
+        named = " and ".join(_label_with_size(one, other.problem) for one in other.effects) if other is not None else ""
+        beside = f" with {named}" if named else ""
+        reason = (
+            f"(-2 log L drops by {found.evidence:.1f})"
+            if abs(found.evidence) <= RIVAL
+            else f"(it would have {found.label}, where the section says 1)"
+        )
         return [
-            "The record cannot distinguish the section of the case from a homogeneous wall "
-            f"(-2 log L drops by {found.evidence:.1f}); the interval spans both."
+            f"The record cannot distinguish the section of the case from a homogeneous wall{beside} {reason}; the "
+            "interval spans both."
         ]
-    rivals = " or ".join(findings.problem.label(one.effect) for fit in findings.section_rivals for one in fit.active)
-    ambiguous = (
-        f" It cannot distinguish it from {rivals} of a homogeneous wall; the interval spans them." if rivals else ""
-    )
     return [
         f"The wall is not homogeneous: the record shows {found.label} (1 is the section as stated). A homogeneous wall "
-        f"would have {before.diffusivity:.4g} m2/s, with the section it is {plain.diffusivity:.4g} m2/s.{ambiguous}"
+        f"would have {before.diffusivity:.4g} m2/s, with the section it is {plain.diffusivity:.4g} m2/s."
     ]
 
 
@@ -85,6 +90,8 @@ def _sentence(findings: Findings) -> str:
         )
     if findings.mixups and not findings.effects:
         return f"With that corrected, the record shows no missing effect: {residual}"
+    if not findings.effects and not findings.shows_heterogeneity:
+        return residual[:1].upper() + residual[1:]
     if not findings.effects:
         return f"Beside that, the record shows no missing effect: {residual}"
     named = " and ".join(_label_with_size(effect, problem) for effect in findings.effects)
