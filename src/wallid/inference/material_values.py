@@ -86,7 +86,7 @@ class MaterialValues(ResultObject):
         )
         lines = [f"materials    the record determines {known} of their {count} values twice as well as the priors do"]
         lines += [
-            f"             {name.replace('_', ' ')} {one}: to {one.std / one.value:.2g} of it, by the priors alone to "
+            f"             {name.replace('_', ' ')} {one}: relative error {one.std / one.value:.2g}, by the priors alone "
             f"{self.prior_log_std[name]:.2g}"
             for name, one in (self.quantities | self.combinations).items()
         ]
