@@ -86,8 +86,8 @@ class MaterialValues(ResultObject):
         )
         lines = [f"materials    the record determines {known} of their {count} values twice as well as the priors do"]
         lines += [
-            f"             {name.replace('_', ' ')} {one}: relative error {one.std / one.value:.2g}, by the priors alone "
-            f"{self.prior_log_std[name]:.2g}"
+            f"             {name.replace('_', ' ')} {one}: relative error {one.std / one.value:.2g}, by the priors "
+            f"alone {self.prior_log_std[name]:.2g}"
             for name, one in (self.quantities | self.combinations).items()
         ]
         return "\n".join(lines)
