@@ -78,13 +78,20 @@ def record(number: int) -> tuple[Any, pd.DataFrame, np.ndarray, float, float]:
     true = {name: (factor * k, c) for name, (k, c) in MATERIALS.items()}
     readings, truth = simulated(regions, true, heights, rng)
     section = section_of_regions(LENGTH, HEIGHT, [SectionMaterial(k, *v) for k, v in MATERIALS.items()], regions)
+    return section, frame_of(readings), heights, truth, factor
+
+
+def frame_of(readings: np.ndarray) -> pd.DataFrame:
+    """The readings of the faces and sensors with their times."""
     frame = pd.DataFrame(readings, columns=["left", "right", "T1", "T2", "T3"])
     frame.insert(0, "time", STEP * np.arange(len(frame)))
-    return section, frame, heights, truth, factor
+    return frame
 
 
-def case_of(section: Any, frame: pd.DataFrame, heights: Sequence[float | None], *, in_section: bool = True) -> Any:
-    """The case of a record, with its sensors' heights as they are stated."""
+def case_of(
+    section: Any, frame: pd.DataFrame, heights: Sequence[float | None], *, in_section: bool = True, **options: Any
+) -> Any:
+    """The case of a record, with its sensors' heights as they are stated, and further options."""
     import wallid
 
     sensors = [
@@ -94,7 +101,7 @@ def case_of(section: Any, frame: pd.DataFrame, heights: Sequence[float | None], 
     return wallid.Case.from_dataframe(
         frame, time="time", left="left", right="right", wall=wallid.Wall(LENGTH, section.diffusivity_prior),
         sensors=sensors, section=section if in_section else None, model="lom", boundary_noise_std=FACE_STD,
-        window_days=DAYS,
+        window_days=DAYS, **options,
     )  # fmt: skip
 
 

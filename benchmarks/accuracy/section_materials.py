@@ -15,23 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from benchmarks.accuracy.discrepancy.score import interval
 from benchmarks.accuracy.resumed_log import resumed
-from benchmarks.accuracy.section_heights import (
-    DAYS,
-    FACE_STD,
-    HEIGHT,
-    LENGTH,
-    MATERIALS,
-    PLACES,
-    POSITION_STD,
-    SENSOR_STD,
-    STEP,
-    rubble,
-    simulated,
-)
+from benchmarks.accuracy.section_heights import HEIGHT, LENGTH, MATERIALS, case_of, frame_of, rubble, simulated
 
 SPREAD = 0.3  # of the logarithm of each value about the stated one
 METHODS = {"stated, heights known": ((), True), "free, heights known": (("materials",), True),
@@ -57,22 +44,10 @@ def estimated(number: int) -> dict[str, Any]:
     section = section_of_regions(
         LENGTH, HEIGHT, [SectionMaterial(k, *v, uncertainty=SPREAD) for k, v in MATERIALS.items()], regions
     )
-    frame = pd.DataFrame(readings, columns=["left", "right", "T1", "T2", "T3"])
-    frame.insert(0, "time", STEP * np.arange(len(frame)))
     outcome: dict[str, Any] = {"number": number}
     for method, (free, known) in METHODS.items():
-        sensors = [
-            wallid.Sensor(
-                f"T{k + 1}", x, noise_std=SENSOR_STD, position_std=POSITION_STD,
-                height=float(heights[k]) if known else None,
-            )
-            for k, x in enumerate(PLACES)
-        ]  # fmt: skip
-        case = wallid.Case.from_dataframe(
-            frame, time="time", left="left", right="right", wall=wallid.Wall(LENGTH, section.diffusivity_prior),
-            sensors=sensors, section=section, model="lom", boundary_noise_std=FACE_STD, window_days=DAYS, free=free,
-        )  # fmt: skip
-        fit = wallid.estimate(case)
+        stated = heights.tolist() if known else (None,) * len(heights)
+        fit = wallid.estimate(case_of(section, frame_of(readings), stated, free=free))
         low, high = fit.interval_95
         outcome[method] = {
             "error": float(np.log(fit.value / truth)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -25,20 +26,10 @@ def by_pymor(nodal: wallid.StateSpace, order: int, way: str) -> wallid.StateSpac
     Raises:
         AbsentError: pyMOR is not installed.
     """
-    try:
-        from pymor.core.logger import set_log_levels
-        from pymor.models.iosys import LTIModel
-        from pymor.reductors.bt import BTReductor
-        from pymor.reductors.h2 import IRKAReductor
-    except ImportError as missing:
-        raise AbsentError("pyMOR is not installed") from missing
-    set_log_levels({"pymor": "ERROR"})
+    model, balanced, irka = _pymor()
     matrices = [np.asarray(part) for part in (nodal.A, nodal.B, nodal.C, nodal.D)]
-    reductor = (BTReductor if way == "balanced truncation" else IRKAReductor)(LTIModel.from_matrices(*matrices))
-    found = reductor.reduce(order)
-    A, B, C, D, E = found.to_matrices()
-    if E is not None:
-        A, B = np.linalg.solve(E, A), np.linalg.solve(E, B)
+    reductor = (balanced if way == "balanced truncation" else irka)(model.from_matrices(*matrices))
+    A, B, C, D = _explicit_matrices(reductor.reduce(order))
     return wallid.StateSpace(A=A, B=B, C=C, D=matrices[3] if D is None else D, P=np.zeros((order, 1)))
 
 
@@ -50,19 +41,36 @@ def section_by_pymor(
     Raises:
         AbsentError: pyMOR is not installed.
     """
+    full_order, balanced, _ = _pymor()
+    E, K, B = model.at(conductivity, heat_capacity)
+    full = full_order.from_matrices(K.tocsc(), B, model.C.toarray(), model.D, E.tocsc())
+    A, B, C, _ = _explicit_matrices(balanced(full).reduce(order))
+    return scipy.signal.StateSpace(A, B, C, model.D)
+
+
+def _pymor() -> tuple:
+    """pyMOR's linear model, and its reductors by balanced truncation and by IRKA.
+
+    Raises:
+        AbsentError: pyMOR is not installed.
+    """
     try:
         from pymor.core.logger import set_log_levels
         from pymor.models.iosys import LTIModel
         from pymor.reductors.bt import BTReductor
+        from pymor.reductors.h2 import IRKAReductor
     except ImportError as missing:
         raise AbsentError("pyMOR is not installed") from missing
     set_log_levels({"pymor": "ERROR"})
-    E, K, B = model.at(conductivity, heat_capacity)
-    full = LTIModel.from_matrices(K.tocsc(), B, model.C.toarray(), model.D, E.tocsc())
-    A, B, C, _, E = BTReductor(full).reduce(order).to_matrices()
+    return LTIModel, BTReductor, IRKAReductor
+
+
+def _explicit_matrices(model: Any) -> tuple:
+    """A, B, C and D of a pyMOR model, solved for the derivative of the state."""
+    A, B, C, D, E = model.to_matrices()
     if E is not None:
         A, B = np.linalg.solve(E, A), np.linalg.solve(E, B)
-    return scipy.signal.StateSpace(A, B, C, model.D)
+    return A, B, C, D
 
 
 def response_of_rows(model: scipy.signal.StateSpace, faces: np.ndarray, step: float) -> np.ndarray:

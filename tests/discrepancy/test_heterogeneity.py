@@ -11,6 +11,7 @@ import scipy
 from benchmarks.reference.analytic_slab import weather
 from benchmarks.reference.section_by_finite_elements import ElementSection, Rectangle
 from pages import check
+from stone_wall import REGIONS, case_text
 from typer.testing import CliRunner
 
 import wallid
@@ -25,13 +26,6 @@ from wallid.estimation.one_dimension import cost_of_one_dimension
 from wallid.inference.sensor_heights import HEIGHT_KIND, section_minus_homogeneous
 
 MATERIALS = {"stone": (1.7, 2.1e6), "mortar": (0.4, 1.5e6)}
-REGIONS = (
-    Region("mortar", (0.0, 0.3), (0.0, 0.24)),
-    Region("stone", (0.0, 0.11), (0.0, 0.1)),
-    Region("stone", (0.15, 0.3), (0.0, 0.1)),
-    Region("stone", (0.0, 0.18), (0.14, 0.24)),
-    Region("stone", (0.22, 0.3), (0.14, 0.24)),
-)
 PLACES, HEIGHTS = (0.09, 0.2), (0.05, 0.2)
 STEP = 3600.0
 
@@ -220,22 +214,8 @@ def test_the_cost_needs_a_section(record):
 def case_file(record, tmp_path_factory):
     folder = tmp_path_factory.mktemp("stones")
     record[0].to_csv(folder / "record.csv", index=False)
-    lines = ["[wall]", "length = 0.3", "[record]", 'file = "record.csv"', 'time = "time"', 'left = "left"']
-    lines += [
-        'right = "right"',
-        "boundary_noise_std = 0.03",
-        "[choices]",
-        'model = "lom"',
-        "[section]",
-        "height = 0.24",
-    ]
-    for name, (k, c) in MATERIALS.items():
-        lines += ["[[section.material]]", f'name = "{name}"', f"conductivity = {k}", f"heat_capacity = {c}"]
-    for one in REGIONS:
-        lines += ["[[section.region]]", f'material = "{one.material}"', f"x = {list(one.x)}", f"y = {list(one.y)}"]
-    for k, place in enumerate(PLACES):
-        lines += ["[[sensor]]", f'name = "T{k + 1}"', f"position = {place}", "noise_std = 0.03"]
-    (folder / "case.toml").write_text("\n".join(lines))
+    sensors = [(f"T{k + 1}", place, None) for k, place in enumerate(PLACES)]
+    (folder / "case.toml").write_text(case_text(MATERIALS, sensors, 0.03, record=["boundary_noise_std = 0.03"]))
     return folder
 
 

@@ -11,10 +11,11 @@ from benchmarks.reference.section_by_finite_elements import ElementSection, Rect
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pages import check
+from stone_wall import REGIONS, case_text
 from typer.testing import CliRunner
 
 import wallid
-from wallid.case.section import Region, SectionMaterial, section_of_regions
+from wallid.case.section import SectionMaterial, section_of_regions
 from wallid.cli.commands import app
 from wallid.inference.material_values import conditioned
 from wallid.models.finite_volume_wall import Output
@@ -31,13 +32,6 @@ from wallid.models.section import (
 
 STATED = {"stone": (1.7, 2.1e6), "mortar": (0.6, 1.5e6)}
 TRUE = {"stone": (2.2, 1.8e6), "mortar": (0.5, 1.8e6)}
-REGIONS = (
-    Region("mortar", (0.0, 0.3), (0.0, 0.24)),
-    Region("stone", (0.0, 0.11), (0.0, 0.1)),
-    Region("stone", (0.15, 0.3), (0.0, 0.1)),
-    Region("stone", (0.0, 0.18), (0.14, 0.24)),
-    Region("stone", (0.22, 0.3), (0.14, 0.24)),
-)
 PLACES, HEIGHTS = (0.05, 0.13, 0.2, 0.25), (0.05, 0.05, 0.12, 0.2)
 
 
@@ -250,15 +244,8 @@ def test_unknown_heights_and_free_materials_together(record, section, fit):
 def test_the_command_writes_the_materials(record, section, tmp_path):
     """`wallid estimate --free materials` on a case file."""
     record[0].to_csv(tmp_path / "record.csv", index=False)
-    lines = ["[wall]", "length = 0.3", "[record]", 'file = "record.csv"', 'time = "time"', 'left = "left"']
-    lines += ['right = "right"', "[choices]", 'model = "lom"', "window_days = 8", "[section]", "height = 0.24"]
-    for name, (k, c) in STATED.items():
-        lines += ["[[section.material]]", f'name = "{name}"', f"conductivity = {k}", f"heat_capacity = {c}"]
-    for one in REGIONS:
-        lines += ["[[section.region]]", f'material = "{one.material}"', f"x = {list(one.x)}", f"y = {list(one.y)}"]
-    for name, x, y in zip("abcd", PLACES, HEIGHTS, strict=True):
-        lines += ["[[sensor]]", f'name = "{name}"', f"position = {x}", f"height = {y}", "noise_std = 0.02"]
-    (tmp_path / "case.toml").write_text("\n".join(lines))
+    sensors = zip("abcd", PLACES, HEIGHTS, strict=True)
+    (tmp_path / "case.toml").write_text(case_text(STATED, sensors, 0.02, choices=["window_days = 8"]))
     words = ["estimate", str(tmp_path), "--free", "materials", "--out", str(tmp_path / "out"), "--json"]
     ended = CliRunner().invoke(app, words)
     assert ended.exit_code == 0, ended.output

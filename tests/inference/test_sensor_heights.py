@@ -4,22 +4,16 @@ import numpy as np
 import pytest
 from benchmarks.reference.analytic_slab import weather
 from benchmarks.reference.section_by_finite_elements import ElementSection, Rectangle
+from stone_wall import REGIONS
 
 import wallid
-from wallid.case.section import Region, SectionMaterial, section_of_regions
+from wallid.case.section import SectionMaterial, section_of_regions
 from wallid.inference.sensor_heights import Deviations, candidate_heights, principal_components
 from wallid.inference.sensor_places import place_of_likelihoods
 from wallid.models.section.section_state_space import section_modes
 from wallid.report.settings import settings_tables
 
 MATERIALS = {"stone": (1.7, 2.1e6), "mortar": (0.4, 1.5e6)}
-REGIONS = (
-    Region("mortar", (0.0, 0.3), (0.0, 0.24)),
-    Region("stone", (0.0, 0.11), (0.0, 0.1)),
-    Region("stone", (0.15, 0.3), (0.0, 0.1)),
-    Region("stone", (0.0, 0.18), (0.14, 0.24)),
-    Region("stone", (0.22, 0.3), (0.14, 0.24)),
-)
 PLACES, HEIGHTS, FACTOR = (0.09, 0.2), (0.05, 0.2), 0.85  # T1 in a stone, T2 in a joint between stones
 STEP = 1800.0
 

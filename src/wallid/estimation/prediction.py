@@ -25,7 +25,6 @@ from ..models.finite_volume_wall import Output
 from ..models.integration import simulate
 from ..models.section.section_state_space import section_modes
 from ..models.state_space import StateSpace
-from ..models.wall_parameters import free_wall_parameters
 from ..models.window_inputs import WindowData, check_driven, full_order_model, sensor_outputs, window_data
 from ..records.row_times import RecordStart
 from .result_objects import Estimate
@@ -239,10 +238,9 @@ def _at_probable_heights(
 ) -> tuple[np.ndarray, np.ndarray]:
     """What the sensors of unknown height read more than the model has for them: mean and standard deviation, K."""
     mean, std = np.zeros((2, data.inputs.shape[0], len(case.sensors)))
-    stated = np.zeros(len(free_wall_parameters(case)))
     for k, sensor in enumerate(case.sensors):
         if (place := fit.sensor_places.get(sensor.name)) is not None:
-            deviations = height_deviations(case, data, diffusivity, sensor, stated).readings
+            deviations = height_deviations(case, data, diffusivity, sensor, np.zeros(0)).readings
             mean[:, k] = place.probability @ deviations
             std[:, k] = np.sqrt(place.probability @ (deviations - mean[:, k]) ** 2)
     return mean, std
