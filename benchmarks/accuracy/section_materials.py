@@ -24,7 +24,7 @@ SPREAD = 0.3  # of the logarithm of each value about the stated one
 METHODS = {"stated, heights known": ((), True), "free, heights known": (("materials",), True),
            "free, heights unknown": (("materials",), False)}  # fmt: skip
 KEYS = ("number",)
-SEED = 2907  # fixed before the first record was estimated
+SEED = 2911  # fixed before the first record was estimated
 
 
 def estimated(number: int) -> dict[str, Any]:

@@ -199,6 +199,8 @@ def test_settings_that_cannot_be(folder):
         wrong = {key: value}
         with pytest.raises(wallid.InputError, match=next(iter(wrong))):
             CampaignSettings(**(good | wrong))
+    with pytest.raises(wallid.InputError, match='"unheated"'):
+        CampaignSettings(**good, indoor="warm")
     assert CampaignSettings(**good, plates="left", sensors=0).plates == ("left",)
 
 

@@ -1,17 +1,16 @@
 """The covariance of the readings due to a disturbance, for readings that are means over bins of rows.
 
-With `Phi` and `Q` the exact step over one row (`models.disturbance`), `m` rows in a bin and `P_j` the covariance of the
-states at the first row of bin j:
+With `Phi` the exact step over one row (`models.disturbance`), `m` rows in a bin, `P` the covariance of the states long
+after the start and `P_0` at the first row, the means over bins i >= j have the covariance
 
-    P_{j+1} = Phi^m P_j (Phi^m)' + Q_m,      C_m = (C + C Phi + ... + C Phi^(m-1)) / m
-    Cov(y_j, y_j) = C_m P_j C_m' + V_m
-    Cov(y_i, y_j) = C_m (Phi^m)^(i-j-1) (Phi^m P_j C_m' + W_m),      i > j
+    Cov(y_i, y_j) = S_(i-j) + C_i (P_0 - P) C_j',      C_j = (C + C Phi + ... + C Phi^(m-1)) Phi^(m j) / m
+    S_0 = sum_ab R_(a-b) / m^2,    a, b < m,           R_l = C Phi^l P C',   R_(-l) = R_l'
+    S_k = C_(k-1) (Phi + Phi^2 + ... + Phi^m) P C' / m
+
+`S` is that of a heat that began long ago; the wall's states at the first row do not contain it yet.
 
 The mean of the heat is unknown too: heat that is switched on and off has one. Its prior has the standard deviation of
 the process, so the covariance contains `g g'` with `g` the readings' response to a constant heat of one unit.
-
-`Q_m`, `V_m` and `W_m` are the covariances of the states after a bin, of the bin's mean, and between both, by what
-enters within the bin.
 """
 
 from __future__ import annotations
@@ -44,33 +43,29 @@ HEAT_PROFILES = (
 
 def binned_covariance(step: GaussianStep, bins: int, rows_per_bin: int) -> Float[np.ndarray, "output bin output bin"]:
     """The covariance of the outputs' means over bins, for a step over one row."""
-    transition, noise, C = (np.asarray(part) for part in (step.transition, step.noise, step.C))
+    transition, stationary, initial, C = (
+        np.asarray(part) for part in (step.transition, step.stationary, step.initial, step.C)
+    )
     states, outputs = len(transition), len(C)
-    of_states, of_sum, between = np.zeros((states, states)), np.zeros((outputs, outputs)), np.zeros((states, outputs))
-    mean, over_bin, total = C, np.eye(states), np.zeros_like(C)
-    for _ in range(rows_per_bin):
-        total = total + mean
-        mean = mean @ transition
-        over_bin = transition @ over_bin
-        with_sum = C @ between
-        of_sum = of_sum + with_sum + with_sum.T + C @ of_states @ C.T
-        between = transition @ (between + of_states @ C.T)
-        of_states = transition @ of_states @ transition.T + noise
-    of_mean, between, C_m = of_sum / rows_per_bin**2, between / rows_per_bin, total / rows_per_bin
-    later = np.empty((bins, outputs, states))
-    later[0] = C_m
+    with_output = stationary @ C.T
+    row, of_sum, after, total = C, np.zeros((outputs, outputs)), np.zeros((states, outputs)), np.zeros_like(C)
+    for lag in range(rows_per_bin):
+        pairs = (rows_per_bin - lag) * (row @ with_output)
+        of_sum += pairs if lag == 0 else pairs + pairs.T
+        total = total + row
+        row = row @ transition
+        after = transition @ (after + with_output)
+    over_bin = np.linalg.matrix_power(transition, rows_per_bin)
+    responses = np.empty((bins, outputs, states))
+    responses[0] = total / rows_per_bin
     for k in range(1, bins):
-        later[k] = later[k - 1] @ over_bin
-    covariance = np.empty((outputs, bins, outputs, bins))
-    at_start = np.asarray(step.initial)
-    for j in range(bins):
-        covariance[:, j, :, j] = C_m @ at_start @ C_m.T + of_mean
-        after = over_bin @ at_start @ C_m.T + between
-        block = later[: bins - j - 1] @ after  # (bin, output, output)
-        covariance[:, j + 1 :, :, j] = block.transpose(1, 0, 2)
-        covariance[:, j, :, j + 1 :] = block.transpose(2, 1, 0)
-        at_start = over_bin @ at_start @ over_bin.T + of_states
-    return covariance
+        responses[k] = responses[k - 1] @ over_bin
+    by_lag = np.concatenate([of_sum[None] / rows_per_bin**2, responses[:-1] @ after / rows_per_bin])
+    by_lag = np.concatenate([by_lag[:0:-1].transpose(0, 2, 1), by_lag])  # from the most negative lag on
+    lags = np.subtract.outer(np.arange(bins), np.arange(bins))
+    of_old_heat = by_lag[lags + bins - 1].transpose(2, 0, 3, 1)
+    flat = responses.transpose(1, 0, 2).reshape(-1, states)
+    return of_old_heat + (flat @ (initial - stationary) @ flat.T).reshape(outputs, bins, outputs, bins)
 
 
 @dataclass(frozen=True, eq=False)

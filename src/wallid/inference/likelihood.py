@@ -219,12 +219,14 @@ def profile_likelihood(problem: LikelihoodProblem, log_alpha: Float[Array, " poi
         return jax.jacfwd(residual, has_aux=True)(z)
 
     def cost(log: Array) -> Array:
-        z = jnp.zeros(len(problem.parameters) - 1)
-        # the product of conductivity and gains is not linear: a few Gauss-Newton steps first
-        for _ in range(_PRODUCT_STEPS if problem.nuisance.fluxes else 0):
+        def improved(_: Array, z: Array) -> Array:
             J, residual = linearise(log, z)
             step = jnp.linalg.lstsq(J, residual)[0]
-            z = z - step / jnp.maximum(1.0, jnp.max(jnp.abs(step)))
+            return z - step / jnp.maximum(1.0, jnp.max(jnp.abs(step)))
+
+        z = jnp.zeros(len(problem.parameters) - 1)
+        if problem.nuisance.fluxes:  # the product of conductivity and gains is not linear: Gauss-Newton first
+            z = jax.lax.fori_loop(0, _PRODUCT_STEPS, improved, z)  # a loop, because each copy is compiled
         J, residual = linearise(log, z)  # with the rows of the priors
         root = jnp.linalg.cholesky(J.T @ J)
         explained = jax.scipy.linalg.solve_triangular(root, J.T @ residual, lower=True)

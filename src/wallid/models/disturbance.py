@@ -96,6 +96,7 @@ class GaussianStep(eqx.Module):
         W0, W1: of the inputs at the start and at the end of the step, `(state, column)`.
         noise: Q, the covariance of e, `(state, state)`.
         initial: covariance of the states at the first row, `(state, state)`.
+        stationary: the same long after it.
         C, D: outputs `y = C s + D q`, `(output, state)` and `(output, input)`.
     """
 
@@ -104,6 +105,7 @@ class GaussianStep(eqx.Module):
     W1: Float[Array, "state column"]
     noise: Float[Array, "state state"]
     initial: Float[Array, "state state"]
+    stationary: Float[Array, "state state"]
     C: Float[Array, "output state"]
     D: Float[Array, "output input"]
 
@@ -196,6 +198,7 @@ def _gaussian_step(
         W1=jnp.pad(exact.W1, padding),
         noise=0.5 * (noise + noise.T),
         initial=jnp.zeros_like(stationary).at[len(rates) :, len(rates) :].set(P_z),
+        stationary=stationary,
         C=_outputs_with_process(system, place, states),
         D=system.D[:, :_FACES],
     )
