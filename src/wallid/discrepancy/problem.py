@@ -157,16 +157,17 @@ class DiagnosisProblem:
         return _readings(self.case, record)
 
     def binned(self, values: np.ndarray) -> np.ndarray:
-        """Means over the readings of each bin, instrument by instrument, `(reading,)`; 0 in an empty bin.
+        """Means over the readings of each bin, instrument by instrument, `(..., reading)`; 0 in an empty bin.
 
         Args:
-            values: at the rows, `(time, instrument)`.
+            values: at the rows, `(..., time, instrument)`.
         """
         present, counts = self._present_and_counts
-        short = -len(values) % self.bins.rows_per_bin
-        padded = np.pad(np.where(present, values, 0.0), ((0, short), (0, 0)))
-        total = padded.reshape(-1, self.bins.rows_per_bin, self.instrument_count).sum(axis=1)
-        return (total / counts).T.reshape(-1)
+        *others, rows, instruments = values.shape
+        padded = np.zeros((*others, len(counts) * self.bins.rows_per_bin, instruments))
+        padded[..., :rows, :] = np.where(present, values, 0.0)
+        total = padded.reshape(*others, len(counts), self.bins.rows_per_bin, instruments).sum(axis=-2)
+        return np.swapaxes(total / counts, -1, -2).reshape(*others, -1)
 
     @cached_property
     def _present_and_counts(self) -> tuple[np.ndarray, np.ndarray]:

@@ -54,6 +54,7 @@ _FEWEST_ROWS = 24
 _GRID = 2.0 * np.pi * np.arange(256) / 256
 # priors of ln(l) and ln(m) in rad a row, and of the logit of the share of the stated noise
 _PRIOR_MEAN, _PRIOR_STD = np.array([np.log(0.15), np.log(1.5), 2.0]), np.array([1.5, 1.5, 2.0])
+_REACH = 25.0  # of the logarithms from their first values: a part that is absent has no minimum
 _SMALLEST_NOISE = 1e-4  # K, so that constant and rounded readings have a finite likelihood
 # the mean of a cubic over the row about its reading: weights of the reading, and of those one and two rows beside it
 _MEAN_OF_CUBIC = (161.0 / 192.0, 18.0 / 192.0, -2.5 / 192.0)
@@ -214,28 +215,47 @@ def _parts(theta: np.ndarray, smooth: float, smooth_rate: float, rough: float, r
     """Power at each frequency and its aliases, `(frequency, alias)`; the outermost hold the rest of the rough part."""
     w = theta[:, None] + 2.0 * np.pi * _ALIASES
     rough_power = 2.0 * rough * rough_rate / (rough_rate**2 + w**2)
-    memory = np.exp(-rough_rate)
-    total = rough * (1.0 - memory**2) / (1.0 - 2.0 * memory * np.cos(theta) + memory**2)
+    total, _ = _sampled_rough_power(theta, rough, rough_rate)
     rough_power[:, [0, -1]] += 0.5 * (total - rough_power.sum(axis=1))[:, None]
     return 4.0 * smooth * smooth_rate**3 / (smooth_rate**2 + w**2) ** 2 + rough_power
+
+
+def _sampled_rough_power(theta: np.ndarray, variance: float, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Power of the rough part at the rows, all aliases together, and its derivative by the logarithm of the rate."""
+    memory = np.exp(-rate)
+    numerator, denominator = 1.0 - memory**2, 1.0 - 2.0 * memory * np.cos(theta) + memory**2
+    by_memory = (-2.0 * memory * denominator + 2.0 * numerator * (np.cos(theta) - memory)) / denominator**2
+    return variance * numerator / denominator, -rate * memory * variance * by_memory
 
 
 def _fit(theta: np.ndarray, power: np.ndarray, count: np.ndarray, noise_std: float) -> np.ndarray:
     """Variance and rate of the smooth part, then of the rough part, and the noise's variance (Whittle likelihood)."""
     noise = max(noise_std, _SMALLEST_NOISE) ** 2
     variance = float(power.max()) * 0.1 + noise
+    squares = (theta[:, None] + 2.0 * np.pi * _ALIASES) ** 2
 
-    def cost(y: np.ndarray) -> float:
-        density = _parts(theta, *np.exp(y[:4])).sum(axis=1) + noise * scipy.special.expit(y[4])
+    def cost(y: np.ndarray) -> tuple[float, np.ndarray]:
+        """The cost, and its gradient."""
+        smooth, smooth_rate, rough, rough_rate = np.exp(y[:4])
+        share = scipy.special.expit(y[4])
+        of_alias = 4.0 * smooth * smooth_rate**3 / (smooth_rate**2 + squares) ** 2
+        of_smooth = of_alias.sum(axis=1)
+        by_smooth_rate = 3.0 * of_smooth - 4.0 * (of_alias / (1.0 + squares / smooth_rate**2)).sum(axis=1)
+        of_rough, by_rough_rate = _sampled_rough_power(theta, rough, rough_rate)
+        density = of_smooth + of_rough + noise * share
+        by_share = np.full_like(theta, noise * share * (1.0 - share))
+        slopes = np.stack([of_smooth, by_smooth_rate, of_rough, by_rough_rate, by_share])
         priors = (y[[1, 3, 4]] - _PRIOR_MEAN) / _PRIOR_STD
-        return float(count @ (np.log(density) + power / density) + priors @ priors)
+        gradient = slopes @ (count * (1.0 - power / density) / density)
+        gradient[[1, 3, 4]] += 2.0 * priors / _PRIOR_STD
+        return float(count @ (np.log(density) + power / density) + priors @ priors), gradient
 
     fits = []
     for rough in (1e-1, 1e-3):
         for rate in (0.3, 1.5):
             first = [np.log(variance), _PRIOR_MEAN[0], np.log(rough * variance), np.log(rate), _PRIOR_MEAN[2]]
-            options = {"maxfev": 800, "xatol": 1e-2, "fatol": 1e-2}
-            fits.append(scipy.optimize.minimize(cost, first, method="Nelder-Mead", options=options))
+            bounds = [(one - _REACH, one + _REACH) for one in first]
+            fits.append(scipy.optimize.minimize(cost, first, jac=True, method="L-BFGS-B", bounds=bounds))
     best = min(fits, key=lambda fit: fit.fun).x
     return np.append(np.exp(best[:4]), noise * scipy.special.expit(best[4]))
 

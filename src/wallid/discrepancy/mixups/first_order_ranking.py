@@ -6,8 +6,10 @@ response to that face.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -21,6 +23,7 @@ from .corrections import ClockCorrection, Correction, other_clock, other_units, 
 
 _SPREAD = (0.2, 0.35, 0.6, 1.0, 1.7, 2.9, 5.0)  # times the prior diffusivity, at which the hypotheses are ranked
 _HOURS = (-12, -6, -3, -2, -1, 1, 2, 3, 6, 12)  # by which a clock may be wrong
+_TOGETHER = 64  # corrections whose residuals are whitened together
 _BREAKS = 16  # rows of the record from which on a clock may be wrong, in the first pass
 
 
@@ -33,6 +36,22 @@ class Ranked:
     start: float
 
 
+class _Point(NamedTuple):
+    """The plain model at a diffusivity.
+
+    Args:
+        start: logarithm of the diffusivity over the prior one.
+        predicted: readings, `(time, instrument)`.
+        transfer: transform of the response to a face, `(face, frequency, instrument)`.
+        basis: of what the parameters explain of whitened readings, `(reading, param)`.
+    """
+
+    start: float
+    predicted: np.ndarray
+    transfer: np.ndarray
+    basis: np.ndarray
+
+
 class RankedCorrections:
     """All corrections with their deviances to first order about the plain model at a few diffusivities."""
 
@@ -42,41 +61,57 @@ class RankedCorrections:
         weight = 1.0 / np.asarray(problem.parameters.prior_std)[problem.parameters.indices(names)]
         low, high = (np.log(end / problem.case.wall.diffusivity_prior) for end in problem.diffusivity_bounds)
         values = {float(np.clip(np.log(factor), low, high)) for factor in _SPREAD}
-        self.points = []
-        for value in sorted(values | {float(reference.parameters[LOG_DIFFUSIVITY])}):
-            parameters = problem.parameters.with_values({LOG_DIFFUSIVITY: value})
-            predicted, slope = linearise(problem.model, problem.bins, parameters, names, linear=True)
-            design = np.concatenate([self.noise.whitening @ slope.T, np.diag(weight)])
-            basis, _ = np.linalg.qr(design / np.maximum(np.linalg.norm(design, axis=0), 1e-300))
-            self.points.append((value, predicted, face_impulse_response(problem.model, parameters), basis))
+        starts = np.array(sorted(values | {float(reference.parameters[LOG_DIFFUSIVITY])}))
+        self.points = [self._point(start, names, weight) for start in starts.tolist()]
 
-    def ranked(self, correction: Correction) -> Ranked:
-        """`-2 log L` of corrected readings less their number, at the best of the diffusivities."""
-        record, problem = self.problem.record, self.problem
-        change, readings = correction.record.faces - record.faces, problem.readings_of(correction.record)
-        residuals = []
-        for _, predicted, response, _ in self.points:
-            if change.any():
-                caused = scipy.signal.fftconvolve(change.T[:, :, None], response, axes=1)[:, : record.rows].sum(axis=0)
-                predicted = predicted + caused
-            residuals.append(problem.binned(np.nan_to_num(readings - predicted)))
-        whitened = self.noise.whitening @ np.stack(residuals, axis=1)
-        deviances = []
-        for residual, (_, _, _, basis) in zip(whitened.T, self.points, strict=True):
-            residual = np.pad(residual, (0, len(basis) - len(residual)))
-            left = residual - basis @ (basis.T @ residual)
-            deviances.append(float(left @ left))
-        best = int(np.argmin(deviances))
-        count = float(np.isfinite(readings).sum()) / problem.bins.rows_per_bin
-        return Ranked(correction, deviances[best] - count, self.points[best][0])
+    def _point(self, start: float, names: list[str], weight: np.ndarray) -> _Point:
+        problem = self.problem
+        parameters = problem.parameters.with_values({LOG_DIFFUSIVITY: start})
+        predicted, slope = linearise(problem.model, problem.bins, parameters, names, linear=True)
+        design = np.concatenate([self.noise.whitening @ slope.T, np.diag(weight)])
+        basis, _ = np.linalg.qr(design / np.maximum(np.linalg.norm(design, axis=0), 1e-300))
+        response = face_impulse_response(problem.model, parameters)
+        return _Point(start, predicted, np.fft.rfft(response, self._length, axis=1), basis[: slope.shape[1]])
+
+    @property
+    def _length(self) -> int:
+        """Rows of a transform in which a record and a response do not overlap."""
+        return scipy.fft.next_fast_len(2 * self.problem.record.rows, real=True)
+
+    def _residuals(self, correction: Correction) -> np.ndarray:
+        """The binned residual of corrected readings at each of the diffusivities, `(point, reading)`."""
+        record, rows = self.problem.record, self.problem.record.rows
+        change = correction.record.faces - record.faces
+        predicted = np.stack([point.predicted for point in self.points])
+        if change.any():
+            spectrum = np.fft.rfft(change, self._length, axis=0)
+            caused = np.stack([np.einsum("fs,sfk->fk", spectrum, point.transfer) for point in self.points])
+            predicted = predicted + np.fft.irfft(caused, self._length, axis=1)[:, :rows]
+        return self.problem.binned(np.nan_to_num(self.problem.readings_of(correction.record) - predicted))
+
+    def ranked(self, corrections: Sequence[Correction]) -> list[Ranked]:
+        """`-2 log L` of corrected readings less their number, each at the best of the diffusivities."""
+        residuals = np.stack([self._residuals(one) for one in corrections], axis=1)  # (point, correction, reading)
+        whitened = residuals @ self.noise.whitening.T
+        explained = whitened @ np.stack([point.basis for point in self.points])
+        deviances = np.sum(whitened**2, axis=2) - np.sum(explained**2, axis=2)
+        found = []
+        for correction, own in zip(corrections, deviances.T, strict=True):
+            readings = np.isfinite(self.problem.readings_of(correction.record)).sum()
+            best = int(np.argmin(own))
+            count = float(readings) / self.problem.bins.rows_per_bin
+            found.append(Ranked(correction, float(own[best]) - count, self.points[best].start))
+        return found
 
     def best(self, count: int) -> list[Ranked]:
         """The corrections with the lowest deviances, the best of each mix-up's kind and targets."""
         best: dict[tuple[str, tuple[str, ...]], Ranked] = {}
-        for correction in self._all():
-            key, one = (correction.mixup.kind, correction.mixup.targets), self.ranked(correction)
-            if key not in best or one.deviance < best[key].deviance:
-                best[key] = one
+        corrections = self._all()
+        while some := list(islice(corrections, _TOGETHER)):
+            for one in self.ranked(some):
+                key = one.correction.mixup.kind, one.correction.mixup.targets
+                if key not in best or one.deviance < best[key].deviance:
+                    best[key] = one
         ordered = sorted(best.values(), key=lambda one: one.deviance)[:count]
         return [self._refined(one) for one in ordered]
 
@@ -104,10 +139,8 @@ class RankedCorrections:
         first, last = width // 2, record.rows - width // 2  # a break at an end would correct hardly anything
         while width > 1:
             rows = [row + k * width // 2 for k in (-2, -1, 0, 1, 2)]
-            others = {
-                near: self.ranked(other_clock(record, target, hours, near)) for near in rows if first <= near <= last
-            }
-            row = min(others, key=lambda near: others[near].deviance)
-            ranked = others[row]
+            rows = [near for near in rows if first <= near <= last]
+            others = self.ranked([other_clock(record, target, hours, near) for near in rows])
+            row, ranked = min(zip(rows, others, strict=True), key=lambda pair: pair[1].deviance)
             width //= 2
         return ranked
