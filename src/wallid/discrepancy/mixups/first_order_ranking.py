@@ -64,7 +64,7 @@ class RankedCorrections:
         starts = np.array(sorted(values | {float(reference.parameters[LOG_DIFFUSIVITY])}))
         self.points = [self._point(start, names, weight) for start in starts.tolist()]
 
-    def _point(self, start: float, names: list[str], weight: np.ndarray) -> _Point:
+    def _point(self, start: float, names: Sequence[str], weight: np.ndarray) -> _Point:
         problem = self.problem
         parameters = problem.parameters.with_values({LOG_DIFFUSIVITY: start})
         predicted, slope = linearise(problem.model, problem.bins, parameters, names, linear=True)
