@@ -9,7 +9,9 @@ from scipy.integrate import quad
 from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
+from scipy.special import logit
 
+from wallid.records import face_variation
 from wallid.records.face_variation import (
     FAST_BENDING_STD,
     SLOW_BENDING_STD,
@@ -115,3 +117,25 @@ def test_the_covariance_of_means_is_that_of_the_rows_averaged(rows, lags):
     width = min(len(found), blocks)
     assert_allclose(found[:width], want[:width], atol=1e-12)
     assert_allclose(want[width:], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("rows", "gusts"), [(300, 0.02), (300, 0.4), (2000, 0.1)])
+def test_the_fitted_spectrum_is_the_most_probable(rows, gusts):
+    """The posterior written anew, each alias summed: no step of a twentieth either way lowers -2 log of it."""
+    rng, noise = np.random.default_rng(rows), 0.05
+    slow = lfilter([0.05], np.poly([0.95, 0.95]), rng.standard_normal(rows))
+    values = slow + lfilter([gusts], [1.0, -0.5], rng.standard_normal(rows)) + noise * rng.standard_normal(rows)
+    theta, power, count = face_variation._periodogram(values)
+    w = theta[:, None] + 2.0 * np.pi * np.arange(-3000, 3001)
+
+    def cost(logs):
+        a, smooth_rate, b, rough_rate = np.exp(logs[:4])
+        spectrum = 4 * a * smooth_rate**3 / (smooth_rate**2 + w**2) ** 2 + 2 * b * rough_rate / (rough_rate**2 + w**2)
+        density = spectrum.sum(axis=1) + noise**2 / (1.0 + np.exp(-logs[4]))
+        priors = [(logs[1] - np.log(0.15)) / 1.5, (logs[3] - np.log(1.5)) / 1.5, (logs[4] - 2.0) / 2.0]
+        return count @ (np.log(density) + power / density) + np.sum(np.square(priors))
+
+    *parts, own = face_variation._fit(theta, power, count, noise)
+    found = np.array([*np.log(parts), logit(own / noise**2)])
+    for step in 0.05 * np.eye(5):
+        assert min(cost(found + step), cost(found - step)) > cost(found) - 1e-3

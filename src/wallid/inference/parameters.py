@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import equinox as eqx
@@ -38,6 +39,7 @@ class Parameter:
     scale: float | None = None
 
 
+@cache
 def kind_of(name: str) -> str:
     """The kind of a parameter: "sensor_offset" of "sensor_offset[T1]"."""
     return name.partition("[")[0]
