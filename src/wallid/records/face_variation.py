@@ -54,7 +54,7 @@ _FEWEST_ROWS = 24
 _GRID = 2.0 * np.pi * np.arange(256) / 256
 # priors of ln(l) and ln(m) in rad a row, and of the logit of the share of the stated noise
 _PRIOR_MEAN, _PRIOR_STD = np.array([np.log(0.15), np.log(1.5), 2.0]), np.array([1.5, 1.5, 2.0])
-_REACH = 25.0  # of the logarithms from their first values: a part that is absent has no minimum
+_REACH = 70.0  # of the logarithms from their first values: a part that is absent has no minimum
 _SMALLEST_NOISE = 1e-4  # K, so that constant and rounded readings have a finite likelihood
 # the mean of a cubic over the row about its reading: weights of the reading, and of those one and two rows beside it
 _MEAN_OF_CUBIC = (161.0 / 192.0, 18.0 / 192.0, -2.5 / 192.0)

@@ -65,6 +65,7 @@ class RankedCorrections:
         self.points = [self._point(start, names, weight) for start in starts.tolist()]
 
     def _point(self, start: float, names: Sequence[str], weight: np.ndarray) -> _Point:
+        """The plain model at a diffusivity; `weight` are one over the prior standard deviations of the parameters."""
         problem = self.problem
         parameters = problem.parameters.with_values({LOG_DIFFUSIVITY: start})
         predicted, slope = linearise(problem.model, problem.bins, parameters, names, linear=True)
@@ -75,7 +76,7 @@ class RankedCorrections:
 
     @property
     def _length(self) -> int:
-        """Rows of a transform in which a record and a response do not overlap."""
+        """Length of the transforms: twice the record, so that the end of a convolution does not fall on its start."""
         return scipy.fft.next_fast_len(2 * self.problem.record.rows, real=True)
 
     def _residuals(self, correction: Correction) -> np.ndarray:
