@@ -59,6 +59,7 @@ def number(
     minimum: float | None = None,
     maximum: float | None = None,
     hint: str = "",
+    alternative: str = "",
 ) -> float:
     """A finite number within limits, as a float; a number that JAX traces is returned as it is.
 
@@ -70,6 +71,7 @@ def number(
         unit: of the value, for the message.
         above, minimum, maximum: limits: value > above, value >= minimum, value <= maximum.
         hint: a likely cause, added to the message where the value exceeds a limit.
+        alternative: another allowed value, for the message, such as `or "auto"`.
 
     Raises:
         InputError: the value is not a number (a bool or a text is not), not finite, or outside the limits.
@@ -84,7 +86,9 @@ def number(
         for word, limit in (("above", above), ("at least", minimum), ("at most", maximum))
         if limit is not None
     ]
-    allowed = " ".join(filter(None, ["a finite number", " and ".join(limits), f"({unit})" if unit else ""]))
+    allowed = " ".join(
+        filter(None, ["a finite number", " and ".join(limits), f"({unit})" if unit else "", alternative])
+    )
     error = InputError(f"{name} = {format_value(value)}; it must be {allowed}")
     if isinstance(value, (bool, np.bool_, str, bytes)) or not isinstance(value, SupportsFloat):
         raise error

@@ -55,9 +55,9 @@ class CampaignSettings:
         plates = (self.plates,) if isinstance(self.plates, str) else tuple(self.plates)
         for plate in plates:
             one_of("plates", plate, SIDES)
-        if isinstance(self.indoor, str) and self.indoor != UNHEATED:
-            raise InputError(f'indoor = "{self.indoor}"; it must be a number (degC), or "{UNHEATED}"')
-        indoor = self.indoor if self.indoor == UNHEATED else number("indoor", self.indoor, "degC", minimum=-60.0)
+        indoor = self.indoor
+        if indoor != UNHEATED:
+            indoor = number("indoor", indoor, "degC", minimum=-60.0, alternative=f'or "{UNHEATED}"')
         set_fields(
             self,
             weather=text("weather", self.weather),

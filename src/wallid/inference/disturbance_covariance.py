@@ -63,9 +63,9 @@ def binned_covariance(step: GaussianStep, bins: int, rows_per_bin: int) -> Float
     by_lag = np.concatenate([of_sum[None] / rows_per_bin**2, responses[:-1] @ after / rows_per_bin])
     by_lag = np.concatenate([by_lag[:0:-1].transpose(0, 2, 1), by_lag])  # from the most negative lag on
     lags = np.subtract.outer(np.arange(bins), np.arange(bins))
-    of_old_heat = by_lag[lags + bins - 1].transpose(2, 0, 3, 1)
+    stationary_part = by_lag[lags + bins - 1].transpose(2, 0, 3, 1)
     flat = responses.transpose(1, 0, 2).reshape(-1, states)
-    return of_old_heat + (flat @ (initial - stationary) @ flat.T).reshape(outputs, bins, outputs, bins)
+    return stationary_part + (flat @ (initial - stationary) @ flat.T).reshape(outputs, bins, outputs, bins)
 
 
 @dataclass(frozen=True, eq=False)

@@ -217,7 +217,12 @@ def _parts(theta: np.ndarray, smooth: float, smooth_rate: float, rough: float, r
     rough_power = 2.0 * rough * rough_rate / (rough_rate**2 + w**2)
     total, _ = _sampled_rough_power(theta, rough, rough_rate)
     rough_power[:, [0, -1]] += 0.5 * (total - rough_power.sum(axis=1))[:, None]
-    return 4.0 * smooth * smooth_rate**3 / (smooth_rate**2 + w**2) ** 2 + rough_power
+    return _smooth_power(w**2, smooth, smooth_rate) + rough_power
+
+
+def _smooth_power(squared_frequency: np.ndarray, variance: float, rate: float) -> np.ndarray:
+    """Power of the smooth part."""
+    return 4.0 * variance * rate**3 / (rate**2 + squared_frequency) ** 2
 
 
 def _sampled_rough_power(theta: np.ndarray, variance: float, rate: float) -> tuple[np.ndarray, np.ndarray]:
@@ -238,7 +243,7 @@ def _fit(theta: np.ndarray, power: np.ndarray, count: np.ndarray, noise_std: flo
         """The cost, and its gradient."""
         smooth, smooth_rate, rough, rough_rate = np.exp(y[:4])
         share = scipy.special.expit(y[4])
-        of_alias = 4.0 * smooth * smooth_rate**3 / (smooth_rate**2 + squares) ** 2
+        of_alias = _smooth_power(squares, smooth, smooth_rate)
         of_smooth = of_alias.sum(axis=1)
         by_smooth_rate = 3.0 * of_smooth - 4.0 * (of_alias / (1.0 + squares / smooth_rate**2)).sum(axis=1)
         of_rough, by_rough_rate = _sampled_rough_power(theta, rough, rough_rate)

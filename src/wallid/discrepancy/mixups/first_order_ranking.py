@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from ...case.mixups import FACE_COLUMNS
 from ...inference.likelihood import LOG_DIFFUSIVITY
+from ...records.uniform_record import Record
 from ..effect_fit import EffectFit
 from ..model_with_effects import face_impulse_response, linearise
 from ..problem import DiagnosisProblem
@@ -36,22 +36,6 @@ class Ranked:
     start: float
 
 
-class _Point(NamedTuple):
-    """The plain model at a diffusivity.
-
-    Args:
-        start: logarithm of the diffusivity over the prior one.
-        predicted: readings, `(time, instrument)`.
-        transfer: transform of the response to a face, `(face, frequency, instrument)`.
-        basis: of what the parameters explain of whitened readings, `(reading, param)`.
-    """
-
-    start: float
-    predicted: np.ndarray
-    transfer: np.ndarray
-    basis: np.ndarray
-
-
 class RankedCorrections:
     """All corrections with their deviances to first order about the plain model at a few diffusivities."""
 
@@ -61,10 +45,13 @@ class RankedCorrections:
         weight = 1.0 / np.asarray(problem.parameters.prior_std)[problem.parameters.indices(names)]
         low, high = (np.log(end / problem.case.wall.diffusivity_prior) for end in problem.diffusivity_bounds)
         values = {float(np.clip(np.log(factor), low, high)) for factor in _SPREAD}
-        starts = np.array(sorted(values | {float(reference.parameters[LOG_DIFFUSIVITY])}))
-        self.points = [self._point(start, names, weight) for start in starts.tolist()]
+        self.starts = sorted(values | {float(reference.parameters[LOG_DIFFUSIVITY])})
+        # at each of the diffusivities: the readings, the transforms of the responses to the faces `(face, frequency,
+        # instrument)`, and what the parameters explain of whitened readings `(reading, param)`
+        points = [self._point(start, names, weight) for start in self.starts]
+        self._predicted, self._transfers, self._bases = (np.stack(part) for part in zip(*points, strict=True))
 
-    def _point(self, start: float, names: Sequence[str], weight: np.ndarray) -> _Point:
+    def _point(self, start: float, names: Sequence[str], weight: np.ndarray) -> tuple[np.ndarray, ...]:
         """The plain model at a diffusivity; `weight` are one over the prior standard deviations of the parameters."""
         problem = self.problem
         parameters = problem.parameters.with_values({LOG_DIFFUSIVITY: start})
@@ -72,37 +59,37 @@ class RankedCorrections:
         design = np.concatenate([self.noise.whitening @ slope.T, np.diag(weight)])
         basis, _ = np.linalg.qr(design / np.maximum(np.linalg.norm(design, axis=0), 1e-300))
         response = face_impulse_response(problem.model, parameters)
-        return _Point(start, predicted, np.fft.rfft(response, self._length, axis=1), basis[: slope.shape[1]])
+        return predicted, np.fft.rfft(response, self._length, axis=1), basis[: slope.shape[1]]
 
     @property
     def _length(self) -> int:
         """Length of the transforms: twice the record, so that the end of a convolution does not fall on its start."""
         return scipy.fft.next_fast_len(2 * self.problem.record.rows, real=True)
 
-    def _residuals(self, correction: Correction) -> np.ndarray:
-        """The binned residual of corrected readings at each of the diffusivities, `(point, reading)`."""
-        record, rows = self.problem.record, self.problem.record.rows
-        change = correction.record.faces - record.faces
-        predicted = np.stack([point.predicted for point in self.points])
+    def _residuals(self, record: Record, readings: np.ndarray) -> np.ndarray:
+        """The binned residual of a corrected record at each of the diffusivities, `(point, reading)`."""
+        stated, predicted = self.problem.record, self._predicted
+        change = record.faces - stated.faces
         if change.any():
             spectrum = np.fft.rfft(change, self._length, axis=0)
-            caused = np.stack([np.einsum("fs,sfk->fk", spectrum, point.transfer) for point in self.points])
-            predicted = predicted + np.fft.irfft(caused, self._length, axis=1)[:, :rows]
-        return self.problem.binned(np.nan_to_num(self.problem.readings_of(correction.record) - predicted))
+            caused = np.einsum("fs,psfk->pfk", spectrum, self._transfers)
+            predicted = predicted + np.fft.irfft(caused, self._length, axis=1)[:, : stated.rows]
+        return self.problem.binned(np.nan_to_num(readings - predicted))
 
     def ranked(self, corrections: Sequence[Correction]) -> list[Ranked]:
         """`-2 log L` of corrected readings less their number, each at the best of the diffusivities."""
-        residuals = np.stack([self._residuals(one) for one in corrections], axis=1)  # (point, correction, reading)
-        whitened = residuals @ self.noise.whitening.T
-        explained = whitened @ np.stack([point.basis for point in self.points])
-        deviances = np.sum(whitened**2, axis=2) - np.sum(explained**2, axis=2)
-        found = []
-        for correction, own in zip(corrections, deviances.T, strict=True):
-            readings = np.isfinite(self.problem.readings_of(correction.record)).sum()
-            best = int(np.argmin(own))
-            count = float(readings) / self.problem.bins.rows_per_bin
-            found.append(Ranked(correction, float(own[best]) - count, self.points[best].start))
-        return found
+        readings = [self.problem.readings_of(one.record) for one in corrections]
+        pairs = zip(corrections, readings, strict=True)
+        residuals = np.stack([self._residuals(one.record, own) for one, own in pairs], axis=1)
+        whitened = residuals @ self.noise.whitening.T  # (point, correction, reading)
+        deviances = np.sum(whitened**2, axis=2) - np.sum((whitened @ self._bases) ** 2, axis=2)
+        counts = np.array([np.isfinite(own).sum() for own in readings]) / self.problem.bins.rows_per_bin
+        best = np.argmin(deviances, axis=0)
+        lowest = deviances.min(axis=0) - counts
+        return [
+            Ranked(correction, float(deviance), self.starts[point])
+            for correction, deviance, point in zip(corrections, lowest, best, strict=True)
+        ]
 
     def best(self, count: int) -> list[Ranked]:
         """The corrections with the lowest deviances, the best of each mix-up's kind and targets."""
