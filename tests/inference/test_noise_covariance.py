@@ -7,12 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from benchmarks.reference import simulator_with_effects as truth
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.linalg import toeplitz
 from studies import SPEC, parameters_at, prepare
 
 from wallid.discrepancy.model_with_effects import BinnedReadings, predict
-from wallid.inference.noise_covariance import NoiseCovariance, NoiseShape
+from wallid.inference.noise_covariance import NoiseCovariance, NoiseShape, covariance_of_filtered
 from wallid.inference.whittle_likelihood import estimate_noise
 
 HOURLY = replace(
@@ -81,6 +83,15 @@ def test_an_error_of_a_face_answers_as_a_change_of_its_reading(hourly):
         assert_allclose(change[row:], model.response[face, : len(change) - row], rtol=0, atol=1e-9)
     # a lasting kelvin at both faces is a kelvin everywhere in the end
     assert_allclose(model.response.sum(axis=(0, 1)), 1.0, rtol=1e-6)
+
+
+@given(st.integers(1, 30), st.integers(1, 4), st.floats(0.0, 0.99), st.integers(0, 2**32 - 1))
+def test_filtered_noise_has_the_covariance_of_the_dense_product(bins, sensors, rho, seed):
+    rng = np.random.default_rng(seed)
+    response, lags = rng.standard_normal((bins, sensors)), 2.3 * rho ** np.arange(bins)
+    G = np.concatenate([np.tril(toeplitz(column)) for column in response.T])
+    want = G @ toeplitz(lags) @ G.T
+    assert_allclose(covariance_of_filtered(response, lags), want, rtol=0, atol=1e-12 * np.abs(want).max())
 
 
 def test_the_covariance_is_that_of_its_definition(hourly):

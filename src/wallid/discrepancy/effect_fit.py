@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from ..inference.likelihood import LOG_DIFFUSIVITY
-from ..inference.noise_covariance import NoiseCovariance
+from ..inference.noise_covariance import NoiseCovariance, whitening_of
 from ..inference.parameters import Parameters
 from ..inference.physical_bounds import limited_log_std
 from ..inference.quantity import Quantity, lognormal
@@ -215,8 +215,7 @@ def linearised_at(
 
 def whitening_block(noise: NoiseCovariance, chosen: np.ndarray) -> np.ndarray:
     """The whitening matrix for some of the readings, by their indices."""
-    lower = np.linalg.cholesky(noise.covariance[np.ix_(chosen, chosen)])
-    return scipy.linalg.solve_triangular(lower, np.eye(len(chosen)), lower=True)
+    return whitening_of(noise.covariance[np.ix_(chosen, chosen)])
 
 
 def whitening_of_subset(noise: NoiseCovariance, chosen: np.ndarray) -> np.ndarray:

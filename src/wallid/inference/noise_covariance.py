@@ -122,6 +122,42 @@ def restricted_to_reading_rows(
     return response, thinned, np.stack([spacing * of_means(errors, spacing) for errors in face_errors])
 
 
+def covariance_of_filtered(
+    response: Float[np.ndarray, "bin sensor"], autocovariance: Float[np.ndarray, " bin"]
+) -> Float[np.ndarray, "reading reading"]:
+    """The covariance of the sensors where they filter a stationary process, `G C G'`, sensor by sensor.
+
+    `C` has the process's autocovariance `c` along its diagonals, and `G_p` the impulse response `g_p` of sensor p below
+    its diagonal. So the covariance of two sensors differs from itself one bin earlier by products of vectors only::
+
+        R_pq[i, j] = R_pq[i-1, j-1] + g_p[i] h_q[j] + h_p[i] g_q[j] - c_0 g_p[i] g_q[j],      h = G c
+
+    Args:
+        response: of each sensor to 1 at the first bin.
+        autocovariance: of the process, by lag in bins.
+
+    Source: T. Kailath, S. Kung and M. Morf, J. Math. Anal. Appl. 68 (1979), 395.
+    """
+    bins, sensors = response.shape
+    g = response.T
+    h = np.stack([np.convolve(one, autocovariance)[:bins] for one in g])
+    half = np.multiply.outer(g, h - 0.5 * autocovariance[0] * g)
+    R = half + half.transpose(2, 3, 0, 1)
+    for i in range(1, bins):
+        R[:, i, :, 1:] += R[:, i - 1, :, :-1]
+    return R.reshape(sensors * bins, sensors * bins)
+
+
+def whitening_of(covariance: Float[np.ndarray, "reading reading"]) -> Float[np.ndarray, "reading reading"]:
+    """W, lower triangular, with `W' W` the inverse of a covariance.
+
+    Raises:
+        numpy.linalg.LinAlgError: the covariance is not positive definite.
+    """
+    inverse, _ = scipy.linalg.lapack.dtrtri(np.linalg.cholesky(covariance), lower=1)
+    return inverse
+
+
 @dataclass(frozen=True, eq=False)
 class NoiseCovariance:
     """The covariance of the binned readings at one size and autocorrelation of the noise.
@@ -241,14 +277,9 @@ class NoiseShape:
         Raises:
             numpy.linalg.LinAlgError: the covariance is not positive definite.
         """
-        cov = autocorrelated * self.autocovariance(rho)
-        cov[0] += white / self.rows_per_bin
-        C = scipy.linalg.toeplitz(cov)
-        n, sensors, counts = self.bin_count, self.sensor_count, self.counts
-        R = np.zeros((sensors * n, sensors * n))
-        for response, errors in zip(self.binned_response, self.binned_face_errors, strict=True):
-            G_f = np.concatenate([scipy.linalg.toeplitz(column, np.zeros_like(column)) for column in response.T])
-            R += G_f @ (self.face_std**2 * C + scipy.linalg.toeplitz(errors)) @ G_f.T
+        C = scipy.linalg.toeplitz(self._autocovariance_of_noise(white, autocorrelated, rho))
+        n, counts = self.bin_count, self.counts
+        R = self.faces_covariance(white, autocorrelated, rho)
         for s, std in enumerate(self.sensor_std):
             block = slice(s * n, (s + 1) * n)
             R[block, block] += std**2 * C
@@ -261,10 +292,23 @@ class NoiseShape:
         missing = counts.T.reshape(-1) == 0
         R[missing] = R[:, missing] = 0.0
         R[missing, missing] = 1.0
-        lower = np.linalg.cholesky(R)
-        whitening = scipy.linalg.solve_triangular(lower, np.eye(len(R)), lower=True)
         rms = self._rms_of_outputs(white, autocorrelated, rho)
-        return NoiseCovariance(white, autocorrelated, rho, whitening, R, rms, disturbance=disturbance)
+        return NoiseCovariance(white, autocorrelated, rho, whitening_of(R), R, rms, disturbance=disturbance)
+
+    def faces_covariance(self, white: float, autocorrelated: float, rho: float) -> Float[np.ndarray, "reading reading"]:
+        """The part of the covariance by the faces' noise and what they do between their readings, K2; without gaps."""
+        noise = self.face_std**2 * self._autocovariance_of_noise(white, autocorrelated, rho)
+        parts = zip(self.binned_response, self.binned_face_errors, strict=True)
+        R = np.sum([covariance_of_filtered(response, noise + errors) for response, errors in parts], axis=0)
+        missing = self.counts.T.reshape(-1) == 0
+        R[missing] = R[:, missing] = 0.0
+        return R
+
+    def _autocovariance_of_noise(self, white: float, autocorrelated: float, rho: float) -> np.ndarray:
+        """Autocovariance of the bins' means of noise with these variances, by lag."""
+        autocovariance = autocorrelated * self.autocovariance(rho)
+        autocovariance[0] += white / self.rows_per_bin
+        return autocovariance
 
     def covariance_like(self, noise: NoiseCovariance) -> NoiseCovariance:
         """The covariance with the variances, the autocorrelation and the disturbance of another one."""
