@@ -30,6 +30,7 @@ from wallid.inference.generalised_least_squares import fit_generalised_least_squ
 from wallid.inference.nuisance_kinds import NUISANCE_KINDS, ContactResistances
 from wallid.inference.validity import distinguishable_range
 from wallid.models.flux_plates import full_order_model_with_plates, uninformative_rows
+from wallid.report.next_steps import next_steps
 from wallid.report.page import answer, render_page
 from wallid.report.result_json import result_entries
 from wallid.workflow import Run
@@ -130,11 +131,35 @@ def test_the_length_may_be_a_guess(both):
 
 def test_a_plates_calibration_is_counted(both):
     """Two plates that are off by +4 and -3 %: within the prior, and the resistance's interval is as wide as that."""
-    told = wallid.estimate(case_of(gain=(0.04, -0.03))).thermal
+    fit = wallid.estimate(case_of(gain=(0.04, -0.03)))
+    told = fit.thermal
     near(told.resistance, R)
+    assert fit.advice == () and sum(told.resistance_shares.values()) == pytest.approx(1.0)
+    assert told.resistance_shares["plates' calibration"] > 0.9
     assert told.resistance.std / told.resistance.value == pytest.approx(0.05 / np.sqrt(2), rel=0.3)
     # of the two only their difference is in the record
     assert told.plate_gains["left"][0] - told.plate_gains["right"][0] == pytest.approx(0.07, abs=0.03)
+
+
+def test_plates_that_disagree_are_an_advice():
+    """Two plates that are off by +15 and -15 %, three times what is stated: the estimate says so, first what to do."""
+    case = case_of(gain=(0.15, -0.15))
+    fit = wallid.estimate(case)
+    (advice,) = fit.advice
+    assert advice.startswith("the plates disagree") and "where 5% is stated" in advice
+    assert "the left one reads 1" in advice and "too high and the right one reads 1" in advice
+    first, second, *_ = next_steps(Run(case, fit=fit))
+    assert first == advice and second.startswith("until then use R and U")
+
+
+def test_a_plate_that_reads_too_much_says_by_how_much(both):
+    """3 W/m2 more at all rows, which the stated noise does not hold: the line of the plate has its mean residual."""
+    assert all(abs(mean) < 0.1 for mean in both.thermal.mean_residuals.values())
+    case = case_of()
+    fluxes = case.record.regressors | {"flux_right": case.record.regressors["flux_right"] + 3.0}
+    told = wallid.estimate(replace(case, record=replace(case.record, regressors=fluxes))).thermal
+    assert told.mean_residuals["right"] - told.mean_residuals["left"] == pytest.approx(3.0, abs=0.5)
+    assert "W/m2 more than the model on average" in str(told)
 
 
 def test_one_plate_serves():

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from .._internal.interrupts import print_before_line, whole_line
+from .._internal.number_formats import terminal_text
 from .output import print_message
 
 _LONG = 5.0  # s without a line, after which the next step of a stage has a line too
@@ -38,7 +40,7 @@ class ProgressDisplay:
     def line(self, text: str) -> None:
         """Print a line, such as that of a finished stage."""
         self._latest = clock.monotonic()
-        self._print_line(text)
+        self._print_line(terminal_text(text, sys.stderr.encoding))
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from .._internal.number_formats import p_value_text
+from .._internal.number_formats import p_value_text, value_and_std
 from ..estimation.many_windows import CampaignEstimate
 from ..estimation.result_objects import Estimate
 from ..workflow import Run
@@ -55,7 +55,8 @@ def _estimate(run: Run) -> str:
     thermal = run.fit.thermal
     if thermal is None or not run.fit.reliable:
         return _diffusivity(run.fit)
-    return f"R = {thermal.resistance.value:.4g} +- {thermal.resistance.std:.1g} m2 K/W"
+    resistance = thermal.resistance
+    return f"R = {value_and_std(resistance.value, resistance.std, 'm2 K/W')}"
 
 
 def _campaign(run: Run) -> str:

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
 import numpy as np
+import scipy
 from jaxtyping import Array, Float
 
 from .._internal.html import html_table, interval_row
@@ -31,7 +32,7 @@ from ..inference.nuisance_kinds import ContactResistances, contact_lengths
 from ..inference.parameters import kind_of, target_of
 from ..inference.physical_bounds import PHYSICAL_BOUNDS
 from ..inference.quantity import NORMAL_95, Quantity, lognormal, quantity_frame
-from ..models.flux_plates import fluxes_of
+from ..models.flux_plates import flux_gain_std, fluxes_of
 from ..models.wall_parameters import R_INSIDE, R_OUTSIDE
 from ..models.window_inputs import window_data
 from .iso_9869 import AverageMethod, average_method
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 
 R_SURFACES = R_INSIDE + R_OUTSIDE
 SURFACES_TEXT = f"with surface resistances of {R_INSIDE:g} inside and {R_OUTSIDE:g} m2 K/W outside (ISO 6946)"
+_IMPROBABLE = 0.01  # of the plates' calibrations as stated, below which the plates disagree
 _MIN_HALF_ROWS = 50  # of the first half of a window, to predict the second half
 
 
@@ -63,8 +65,8 @@ class HeldOutFlux(ResultObject):
     def __str__(self) -> str:
         return (
             f"held out     the first {self.hours:.3g} h predict the flux of the last {self.hours:.3g} h to "
-            f"{self.rms:.2g} W/m2 root mean square; {self.coverage:.0%} of {self.readings} readings lie in their "
-            "95 % interval"
+            f"{self.rms:.2g} W/m2 root mean square; {self.coverage:.0%} of the {self.readings} readings of all plates "
+            "lie in their 95 % interval"
         )
 
 
@@ -79,7 +81,9 @@ class ThermalProperties(ResultObject):
         transmittance: W/m2/K, with the standard surface resistances of ISO 6946.
         contact_resistances: of each face that has a plate, between the face and its sensor, m2 K/W; `resistance`
             contains them.
-        plate_gains: calibration error of each plate: name -> (value, std), dimensionless.
+        plate_gains: calibration error of each plate: name -> (value, std), dimensionless; above 0 it reads too high.
+        mean_residuals: mean of each plate's readings minus the model's, W/m2.
+        resistance_shares: share of each source of error in the variance of ln(resistance); empty for several windows.
         average_methods: the average method of ISO 9869-1 for each plate.
         held_out: the second half's flux predicted from the first half; None where a half is too short or has no flux,
             and for several windows together.
@@ -93,6 +97,8 @@ class ThermalProperties(ResultObject):
     transmittance: Quantity
     contact_resistances: dict[str, Quantity]
     plate_gains: dict[str, tuple[float, float]]
+    mean_residuals: dict[str, float]
+    resistance_shares: dict[str, float]
     average_methods: tuple[AverageMethod, ...]
     held_out: HeldOutFlux | None
     gains_assumed: bool
@@ -129,22 +135,28 @@ class ThermalProperties(ResultObject):
             f"resistance   {self.resistance}, from face to face",
             f"U-value      {self.transmittance}, {SURFACES_TEXT}",
             f"capacity     {self.areal_heat_capacity}",
-            f"conductivity {self.conductivity}, for the stated length",
+            f"conductivity {self.conductivity}, for the stated length"
+            f"{' and without the contact resistances' if self.contact_resistances else ''}",
         ]
 
     @property
     def evidence_lines(self) -> list[str]:
         """The plates' calibration, the average method, and the prediction of the second half, line by line."""
         lines = [
-            f"contact      {face}: {one} between the face and its sensor, in the resistance"
+            f"contact      {face}: {one} between this face and its sensor, part of the resistance"
             for face, one in self.contact_resistances.items()
         ]
-        lines += [
-            f"plate        {face}: calibration {100 * gain + 0.0:+.1f} +- {100 * std:.1f} %"
-            for face, (gain, std) in self.plate_gains.items()
-        ]
+        for face, (gain, std) in self.plate_gains.items():
+            calibration = f"{100 * gain + 0.0:+.1f} +- {100 * std:.1f} % (above 0: reads too high)"
+            line = f"plate        {face}: calibration {calibration}"
+            if face in self.mean_residuals:
+                line += f"; it reads {_signed_difference(self.mean_residuals[face])} on average"
+            lines.append(line)
         if self.gains_assumed:
             lines.append("             (5 % assumed; state [record] flux_gain_std)")
+        if self.resistance_shares:
+            shares = ", ".join(f"{name} {share:.0%}" for name, share in self.resistance_shares.items())
+            lines.append(f"variance     of the resistance: {shares}")
         lines += [str(average) for average in self.average_methods]
         return [*lines, *([str(self.held_out)] if self.held_out is not None else [])]
 
@@ -177,8 +189,53 @@ def thermal_properties(case: Case, window: Window, fit: GLSFit) -> ThermalProper
         for face in fluxes_of(case)
         for value, combination in [logs[face]]
     }
-    return _derived_properties(
-        case, window, _primary(logs, quantity), gains, _second_half_prediction(case, window, fit)
+    return replace(
+        _derived_properties(case, window, _primary(logs, quantity), gains),
+        held_out=_second_half_prediction(case, window, fit),
+        mean_residuals=_mean_residuals(case, fit),
+        resistance_shares=_variance_shares(fit, logs["resistance"][1]),
+    )
+
+
+def _mean_residuals(case: Case, fit: GLSFit) -> dict[str, float]:
+    """Mean of each plate's readings minus the model's, W/m2; only of plates with a reading."""
+    data, plates = fit.problem.data, fluxes_of(case)
+    present = np.asarray(data.weight)[:, -len(plates) :] > 0
+    residual = (np.asarray(data.observed) - np.asarray(fit.minimum.predicted))[:, -len(plates) :]
+    columns = zip(plates, residual.T, present.T, strict=True)
+    return {face: float(column[used].mean()) for face, column, used in columns if used.any()}
+
+
+def _variance_shares(fit: GLSFit, combination: np.ndarray) -> dict[str, float]:
+    """Share of the plates' calibration, of other errors of instruments and of the rest in a combination's variance."""
+    sources = {kind.kind: kind.source_of_variance for kind in fit.kinds} | {PLATE_GAIN: "plates' calibration"}
+    total, shares = fit.variance(combination), {sources[PLATE_GAIN]: 0.0}
+    for name, effect in fit.instrument_error_effects(combination).items():
+        source = sources[kind_of(name)]
+        shares[source] = shares.get(source, 0.0) + effect**2 / total
+    return shares | {"noise of the readings": 1.0 - sum(shares.values())}
+
+
+def _signed_difference(mean: float) -> str:
+    """A mean residual of a plate in words."""
+    return f"{abs(mean):.2g} W/m2 {'more' if mean > 0 else 'less'} than the model"
+
+
+def why_plates_disagree(case: Case, thermal: ThermalProperties) -> str:
+    """Advice where the plates' calibrations are further off than their stated accuracy allows; else empty."""
+    stated = flux_gain_std(case)
+    if stated == 0.0:
+        return ""
+    deviations = [gain / stated for gain, _ in thermal.plate_gains.values()]
+    if scipy.special.chdtrc(len(deviations), float(np.sum(np.square(deviations)))) > _IMPROBABLE:
+        return ""
+    found = " and ".join(
+        f"the {face} one reads {abs(gain):.0%} too {'high' if gain > 0 else 'low'}"
+        for face, (gain, _) in thermal.plate_gains.items()
+    )
+    return (
+        f"the plates disagree: for this model {found}, where {stated:.0%} is stated, and the resistance rests on them; "
+        "check their contact and calibration, exchange them for some days, or state a larger [record] flux_gain_std"
     )
 
 
@@ -204,9 +261,7 @@ def pooled_thermal_properties(case: Case, fits: Sequence[GLSFit]) -> tuple[Therm
         return lognormal(math.exp(means[name].value), means[name].std ** 2, means[name].quantile, unit)
 
     gains = {face: (means[face].value, means[face].std) if face in means else (0.0, 0.0) for face in fluxes_of(case)}
-    return _derived_properties(case, entire_record(case), _primary(logs[0], quantity), gains, None), means[
-        "conductivity"
-    ]
+    return _derived_properties(case, entire_record(case), _primary(logs[0], quantity), gains), means["conductivity"]
 
 
 def _primary(logs: Mapping[str, Any], quantity: Callable[[str, str], Quantity]) -> dict[str, Quantity]:
@@ -252,7 +307,6 @@ def _derived_properties(
     window: Window,
     primary: dict[str, Quantity],
     gains: dict[str, tuple[float, float]],
-    held_out: HeldOutFlux | None,
 ) -> ThermalProperties:
     """The properties that follow from the primary ones, and the average method over a window."""
     length, c, resistance = case.wall.length, primary["heat_capacity"], primary["resistance"]
@@ -269,7 +323,9 @@ def _derived_properties(
         average_methods=tuple(
             average_method(part.faces, part.regressors[f"flux_{face}"], part.step, face, areal.value) for face in gains
         ),
-        held_out=held_out,
+        held_out=None,
+        mean_residuals={},
+        resistance_shares={},
         gains_assumed=case.record.flux_gain_std is None,
     )
 

@@ -175,11 +175,10 @@ class Estimate(ResultObject):
         else:
             lines.append(str(self.materials))
         if self.identifiability is not None and len(self.identifiability.names) > 1:
-            lines.append(f"identifiable {self.identifiability}")
+            lines.append(f"parameters   {self.identifiability}")
         if self.variance_shares:
-            lines.append(
-                "variance     " + ", ".join(f"{name} {share:.0%}" for name, share in self.variance_shares.items())
-            )
+            shares = ", ".join(f"{name} {share:.0%}" for name, share in self.variance_shares.items())
+            lines.append(f"variance     {'of the diffusivity: ' if self.thermal is not None else ''}{shares}")
         if self.bootstrap is not None:
             lines.append(str(self.bootstrap))
         if self.profile.eps_2 is not None:

@@ -47,8 +47,8 @@ def average_resistance(case: Case, fit: Estimate, plate: int, *, legend: bool = 
     days = (np.arange(part.rows) + 1.0) * part.step / DAY
     ax.plot(*downsampled(days, course), color=BLUE, lw=1.2, label="average method, R")
     estimated = fit.thermal.resistance
-    ax.axhspan(*estimated.interval_95, color=SKY, alpha=0.2, lw=0, label="R of the estimate, 95 %")
-    ax.axhline(estimated.value, color=SKY, ls="-.", lw=1.0)
+    ax.axhline(estimated.value, color=SKY, ls="-.", lw=1.0, label="R of the estimate")
+    ax.axhspan(*estimated.interval_95, color=SKY, alpha=0.2, lw=0, label="its 95 % interval")
     if average.resistance is not None:
         _draw_rules(ax, average, average.resistance)
     ax.axvline(MIN_DAYS, color=GREY, ls=":", lw=1.0, label=f"{MIN_DAYS:g} days, the least that is required")

@@ -262,7 +262,7 @@ _CAPTIONS: dict[str, tuple[str | Text, Text]] = {
     "average": (
         "The average method of ISO 9869-1: temperature difference over heat flux, both averaged from the start of the "
         "window to each time. The result (dot) is that of the largest whole number of days. The standard lets a "
-        "measurement end where it has three days (dotted), R of a day before (diamond) lies in the orange band of 5 % "
+        "measurement end where it has three days (dotted), R of a day before (diamond) lies in the band of 5 % "
         "about the result, and R of the first and of the last two thirds (dashed) differ by 5 % at most. Light blue: "
         "resistance of the estimate, 95 %; it also uses the heat that the wall stores.",
         _for_stage("fit", _average),

@@ -257,6 +257,9 @@ def _average_figure(run: Run) -> Figure:
     figure, axes = plot.figure(plates, 1, height=3.6)
     for p, ax in enumerate(np.atleast_1d(axes)):
         plot.average_resistance(run.case, run.fit, p, legend=False, ax=ax)
+    lows, highs = zip(*(ax.get_ylim() for ax in np.atleast_1d(axes)), strict=True)
+    for ax in np.atleast_1d(axes):  # one scale, to compare the plates
+        ax.set_ylim(min(lows), max(highs))
     shared_legend(figure, np.ravel(axes)[0])
     return figure
 

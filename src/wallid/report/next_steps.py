@@ -65,10 +65,9 @@ def next_steps(run: Run) -> list[str]:
         steps.append("use the value; `wallid diagnose` tests each effect of the library more closely")
     if run.fit is not None and run.fit.thermal is not None:
         if not run.case.sensors and not run.unreliable_reason:
-            steps.insert(
-                0,
-                "use R and U with their intervals; stored heat is allowed for, so days need not be steady",
-            )
+            use = "use R and U with their intervals; stored heat is allowed for, so days need not be steady"
+            doubts = [*(mixup.words for mixup in run.visible_mixups), *run.fit.advice]
+            steps.insert(len(doubts), f"until then {use}" if doubts else use)
         steps += [text for one in run.fit.thermal.average_methods for text in _unmet(one)]
     if run.fit is None and run.campaign is None and run.design is not None:
         steps.append("measure on the days of the design, or run `wallid estimate` on them")

@@ -34,7 +34,7 @@ _NAMES = {
     "face_positions": "position errors of the face sensors (true position minus stated)",
     "offsets": "sensor offsets (reading minus truth)",
     "interval": "method of the interval",
-    "variance_shares": "shares of the variance by source",
+    "variance_shares": "share of the variance:",
     "history": "convergence of the estimate, step by step",
     "gamma_1": "change of the cost, relative",
     "gamma_2": "change of the diffusivity, relative",
@@ -67,6 +67,7 @@ _NAMES = {
     "averaged_days": "whole days averaged",
     "unmet_rules": "stopping rules not met",
     "p_value": "p-value",
+    "time_constant": "time constant (s)",
     "step_s": "step (s)",
     "rms_W_per_m2": "root mean square (W/m²)",
     "coverage_95": "share within the 95 % interval",
@@ -203,7 +204,8 @@ def _cell(value: Any) -> str:
 
 def _label(key: str, part: str, entries: dict[str, Any]) -> str:
     """Name of a key, with the unit of its dict where that unit applies to it."""
-    shared = format_unit(entries.get("unit") or "-") if key in _SHARED else ""
+    has_unit = key in _SHARED and not isinstance(entries.get(key), str)
+    shared = format_unit(entries.get("unit") or "-") if has_unit else ""
     return key_as_text(key, part) + (f" ({shared})" if shared else "")
 
 
