@@ -110,9 +110,10 @@ class ThermalProperties(ResultObject):
         return {name: getattr(self, name) for name in names}
 
     def to_dict(self) -> dict[str, Any]:
-        """The properties and the plates' calibration errors as plain numbers."""
+        """The properties, the plates' calibration errors and what the resistance rests on, as plain numbers."""
         gains = {face: {"value": value, "std": std} for face, (value, std) in self.plate_gains.items()}
-        entries = {"contact_resistances": self.contact_resistances, "plate_gains": gains}
+        shares = ("contact_resistances", "mean_residuals", "resistance_shares")
+        entries = {"plate_gains": gains} | {name: getattr(self, name) for name in shares}
         return plain_value(self.quantities | entries | {"iso_9869": self.average_methods})
 
     def to_frame(self) -> DataFrame:
