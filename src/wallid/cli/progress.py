@@ -40,7 +40,7 @@ class ProgressDisplay:
     def line(self, text: str) -> None:
         """Print a line, such as that of a finished stage."""
         self._latest = clock.monotonic()
-        self._print_line(terminal_text(text, sys.stderr.encoding))
+        self._print_line(terminal_text(text, getattr(sys.stderr, "encoding", None)))
 
 
 @contextmanager

@@ -34,7 +34,7 @@ from ..models.window_inputs import check_driven, full_order_model, order_of_full
 from ..reduction.modal_identification import LearnedModel
 from ..reduction.training_signals import learn
 from .conclusion import InitialFit, estimate_from_gls, gls_minima, initial_estimate
-from .heat_flux import thermal_properties, why_flux_is_doubtful, why_plates_disagree
+from .heat_flux import thermal_properties, why_flux_is_doubtful
 from .result_objects import Estimate
 
 _MIN_TIMED_RUNS, _MAX_TIMED_RUNS = 3, 30  # computing time is the median over this many runs
@@ -215,7 +215,7 @@ def estimate_by_gls(
         thermal = thermal_properties(case, window, best_fit) if plates else None
         reason = result.reason or ("" if thermal is None else why_flux_is_doubtful(case, thermal))
         result = replace(result, thermal=thermal, iterations=steps, evaluations=steps + 1)
-        doubt = "" if thermal is None or reason else why_plates_disagree(case, thermal)
+        doubt = "" if thermal is None or reason else thermal.disagreement
         advice = (*result.advice, doubt) if doubt else result.advice
         result = replace(result, reliable=not reason, reason=reason, advice=advice)
     return result, best_fit

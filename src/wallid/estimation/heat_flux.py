@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 R_SURFACES = R_INSIDE + R_OUTSIDE
 SURFACES_TEXT = f"with surface resistances of {R_INSIDE:g} inside and {R_OUTSIDE:g} m2 K/W outside (ISO 6946)"
-_IMPROBABLE = 0.01  # of the plates' calibrations as stated, below which the plates disagree
+_IMPROBABLE = 0.01  # p-value of the difference of two plates' calibration errors, below which the plates disagree
 _MIN_HALF_ROWS = 50  # of the first half of a window, to predict the second half
 
 
@@ -65,7 +65,7 @@ class HeldOutFlux(ResultObject):
     def __str__(self) -> str:
         return (
             f"held out     the first {self.hours:.3g} h predict the flux of the last {self.hours:.3g} h to "
-            f"{self.rms:.2g} W/m2 root mean square; {self.coverage:.0%} of the {self.readings} readings of all plates "
+            f"{self.rms:.2g} W/m2 root mean square; {self.coverage:.0%} of {self.readings} readings "
             "lie in their 95 % interval"
         )
 
@@ -84,6 +84,7 @@ class ThermalProperties(ResultObject):
         plate_gains: calibration error of each plate: name -> (value, std), dimensionless; above 0 it reads too high.
         mean_residuals: mean of each plate's readings minus the model's, W/m2.
         resistance_shares: share of each source of error in the variance of ln(resistance); empty for several windows.
+        disagreement: advice where the calibration errors of two plates are improbable; else empty.
         average_methods: the average method of ISO 9869-1 for each plate.
         held_out: the second half's flux predicted from the first half; None where a half is too short or has no flux,
             and for several windows together.
@@ -99,6 +100,7 @@ class ThermalProperties(ResultObject):
     plate_gains: dict[str, tuple[float, float]]
     mean_residuals: dict[str, float]
     resistance_shares: dict[str, float]
+    disagreement: str
     average_methods: tuple[AverageMethod, ...]
     held_out: HeldOutFlux | None
     gains_assumed: bool
@@ -112,8 +114,8 @@ class ThermalProperties(ResultObject):
     def to_dict(self) -> dict[str, Any]:
         """The properties, the plates' calibration errors and what the resistance rests on, as plain numbers."""
         gains = {face: {"value": value, "std": std} for face, (value, std) in self.plate_gains.items()}
-        shares = ("contact_resistances", "mean_residuals", "resistance_shares")
-        entries = {"plate_gains": gains} | {name: getattr(self, name) for name in shares}
+        names = ("contact_resistances", "mean_residuals", "resistance_shares", "disagreement")
+        entries = {"plate_gains": gains} | {name: getattr(self, name) for name in names}
         return plain_value(self.quantities | entries | {"iso_9869": self.average_methods})
 
     def to_frame(self) -> DataFrame:
@@ -151,7 +153,7 @@ class ThermalProperties(ResultObject):
             calibration = f"{100 * gain + 0.0:+.1f} +- {100 * std:.1f} % (above 0: reads too high)"
             line = f"plate        {face}: calibration {calibration}"
             if face in self.mean_residuals:
-                line += f"; it reads {_signed_difference(self.mean_residuals[face])} on average"
+                line += f"; beyond that it differs from the model by {self.mean_residuals[face]:+.2g} W/m2 on average"
             lines.append(line)
         if self.gains_assumed:
             lines.append("             (5 % assumed; state [record] flux_gain_std)")
@@ -210,33 +212,35 @@ def _mean_residuals(case: Case, fit: GLSFit) -> dict[str, float]:
 def _variance_shares(fit: GLSFit, combination: np.ndarray) -> dict[str, float]:
     """Share of the plates' calibration, of other errors of instruments and of the rest in a combination's variance."""
     sources = {kind.kind: kind.source_of_variance for kind in fit.kinds} | {PLATE_GAIN: "plates' calibration"}
-    total, shares = fit.variance(combination), {sources[PLATE_GAIN]: 0.0}
+    # the errors of instruments are not inflated, so neither is the variance that they are a share of
+    total = float(np.sum((combination @ fit.generalised_inverse) ** 2))
+    total, shares = total if fit.robust is None else fit.variance(combination), {sources[PLATE_GAIN]: 0.0}
     for name, effect in fit.instrument_error_effects(combination).items():
         source = sources[kind_of(name)]
         shares[source] = shares.get(source, 0.0) + effect**2 / total
-    return shares | {"noise of the readings": 1.0 - sum(shares.values())}
+    return shares | {"noise and all else": max(1.0 - sum(shares.values()), 0.0)}
 
 
-def _signed_difference(mean: float) -> str:
-    """A mean residual of a plate in words."""
-    return f"{abs(mean):.2g} W/m2 {'more' if mean > 0 else 'less'} than the model"
+def _disagreement(case: Case, gains: Mapping[str, tuple[float, float]]) -> str:
+    """Advice where two plates' calibration errors differ by more than their accuracy allows; else empty.
 
-
-def why_plates_disagree(case: Case, thermal: ThermalProperties) -> str:
-    """Advice where the plates' calibrations are further off than their stated accuracy allows; else empty."""
-    stated = flux_gain_std(case)
-    if stated == 0.0:
+    The readings tell only the difference of the two errors, whose variance before the measurement is `2 s^2`.
+    """
+    accuracy = flux_gain_std(case)
+    if len(gains) < 2 or accuracy == 0.0:
         return ""
-    deviations = [gain / stated for gain, _ in thermal.plate_gains.values()]
-    if scipy.special.chdtrc(len(deviations), float(np.sum(np.square(deviations)))) > _IMPROBABLE:
+    (one, _), (other, _) = gains.values()
+    if scipy.special.chdtrc(1, 0.5 * ((one - other) / accuracy) ** 2) > _IMPROBABLE:
         return ""
     found = " and ".join(
-        f"the {face} one reads {abs(gain):.0%} too {'high' if gain > 0 else 'low'}"
-        for face, (gain, _) in thermal.plate_gains.items()
+        f"the {face} one reads {100 * abs(gain):.2g} % too {'high' if gain > 0 else 'low'}"
+        for face, (gain, _) in gains.items()
     )
+    source = "assumed" if case.record.flux_gain_std is None else "stated"
     return (
-        f"the plates disagree: for this model {found}, where {stated:.0%} is stated, and the resistance rests on them; "
-        "check their contact and calibration, exchange them for some days, or state a larger [record] flux_gain_std"
+        f"the plates disagree: for this model {found}, where {100 * accuracy:.2g} % is {source}; check their contact "
+        "and calibration, or exchange them for some days; the intervals of R and U trust the plates as "
+        f"{source} ([record] flux_gain_std)"
     )
 
 
@@ -327,6 +331,7 @@ def _derived_properties(
         held_out=None,
         mean_residuals={},
         resistance_shares={},
+        disagreement=_disagreement(case, gains),
         gains_assumed=case.record.flux_gain_std is None,
     )
 

@@ -91,6 +91,7 @@ class CampaignEstimate(ResultObject):
             lines.append(f"agreement    {self.agreement}")
         if self.thermal is not None and self.conductivity_mean is not None and self.reliable:
             lines.append(str(self.thermal))
+            lines += [f"advice       {self.thermal.disagreement}"] if self.thermal.disagreement else []
             if self.conductivity_mean.degrees_of_freedom:
                 lines.append(f"agreement    of the conductivity: {self.conductivity_mean.agreement}")
         for k, (fit, label) in enumerate(zip(self.fits, self.labels, strict=True)):

@@ -255,7 +255,8 @@ class GLSFit:
         faces = float(K @ self.faces_covariance @ K)
         variance = {"sensors' noise": noise - faces, "faces' noise": faces}
         if self.noise.disturbance is not None:
-            variance["disturbance"] = float(K @ self._present_disturbance @ K)
+            present = self.noise_shape.counts.T.reshape(-1) > 0
+            variance["disturbance"] = float((K * present) @ self.noise.disturbance @ (K * present))
             variance["sensors' noise"] -= variance["disturbance"]
         groups = {kind.source_of_variance: self.indices(kind.kind) for kind in self.kinds}
         groups["initial profile"] = self.indices(PROFILE_MODE)
@@ -268,12 +269,6 @@ class GLSFit:
                 variance[source] = float(1.0 / R[-1, -1] ** 2) - sum(variance.values())
         total = sum(variance.values())
         return {source: part / total for source, part in variance.items()}
-
-    @property
-    def _present_disturbance(self) -> np.ndarray:
-        """The part of the readings' covariance due to the disturbance, zero for empty bins, K2."""
-        present = self.noise_shape.counts.T.reshape(-1) > 0
-        return (0.0 if self.noise.disturbance is None else self.noise.disturbance) * np.outer(present, present)
 
     @cached_property
     def faces_covariance(self) -> np.ndarray:

@@ -125,10 +125,10 @@ def restricted_to_reading_rows(
 def covariance_of_filtered(
     response: Float[np.ndarray, "bin sensor"], autocovariance: Float[np.ndarray, " bin"]
 ) -> Float[np.ndarray, "reading reading"]:
-    """The covariance of the sensors where they filter a stationary process, `G C G'`, sensor by sensor.
+    """The covariance of the sensors' responses to one stationary process, `G C G'`, sensor by sensor.
 
-    `C` has the process's autocovariance `c` along its diagonals, and `G_p` the impulse response `g_p` of sensor p below
-    its diagonal. So the covariance of two sensors differs from itself one bin earlier by products of vectors only::
+    `C` has the process's autocovariance `c` along its diagonals. The columns of `G_p` are the impulse response `g_p` of
+    sensor p, each one bin later than the one before. So each diagonal of the covariance is a running sum::
 
         R_pq[i, j] = R_pq[i-1, j-1] + g_p[i] h_q[j] + h_p[i] g_q[j] - c_0 g_p[i] g_q[j],      h = G c
 

@@ -56,6 +56,7 @@ _MOST_MARKERS = 400  # of a line; more are drawn as pixels
 _MOST_SENSORS = 6  # in the figure of the worst week
 _NARROW = 4.0  # inches
 _SECTION_WIDTH = 5.0  # inches, of the figure of a section
+_COMPARABLE = 3.0  # times the smaller range: panels of the average method with larger differences have their own scales
 _RECORD_HEIGHT, _REGRESSOR_HEIGHT = 3.2, 1.4  # inches
 _AVAILABILITY_HEIGHT, _AVAILABILITY_ROW = 1.2, 0.25  # inches, and of each column
 
@@ -257,9 +258,10 @@ def _average_figure(run: Run) -> Figure:
     figure, axes = plot.figure(plates, 1, height=3.6)
     for p, ax in enumerate(np.atleast_1d(axes)):
         plot.average_resistance(run.case, run.fit, p, legend=False, ax=ax)
-    lows, highs = zip(*(ax.get_ylim() for ax in np.atleast_1d(axes)), strict=True)
-    for ax in np.atleast_1d(axes):  # one scale, to compare the plates
-        ax.set_ylim(min(lows), max(highs))
+    lows, highs = np.array([ax.get_ylim() for ax in np.atleast_1d(axes)]).T
+    if highs.max() - lows.min() < _COMPARABLE * (highs - lows).min():  # one scale, to compare the plates
+        for ax in np.atleast_1d(axes):
+            ax.set_ylim(float(lows.min()), float(highs.max()))
     shared_legend(figure, np.ravel(axes)[0])
     return figure
 

@@ -47,6 +47,8 @@ def next_steps(run: Run) -> list[str]:
         return _after_diagnosis(run.diagnosis)
     steps = [mixup.words for mixup in run.visible_mixups]
     steps += run.fit.advice if run.fit is not None else ()
+    if run.campaign is not None and run.campaign.thermal is not None and run.campaign.thermal.disagreement:
+        steps.append(run.campaign.thermal.disagreement)
     missing = run.screening is not None and run.screening.missing
     if run.fit is not None and run.fit.reason and "wallid diagnose" not in run.fit.reason:
         steps.append("take days with larger variations of the face temperatures, a longer window, or a further sensor")
@@ -66,8 +68,8 @@ def next_steps(run: Run) -> list[str]:
     if run.fit is not None and run.fit.thermal is not None:
         if not run.case.sensors and not run.unreliable_reason:
             use = "use R and U with their intervals; stored heat is allowed for, so days need not be steady"
-            doubts = [*(mixup.words for mixup in run.visible_mixups), *run.fit.advice]
-            steps.insert(len(doubts), f"until then {use}" if doubts else use)
+            doubt = run.fit.thermal.disagreement
+            steps.insert(len(run.fit.advice), "until then take R and U as first values" if doubt else use)
         steps += [text for one in run.fit.thermal.average_methods for text in _unmet(one)]
     if run.fit is None and run.campaign is None and run.design is not None:
         steps.append("measure on the days of the design, or run `wallid estimate` on them")

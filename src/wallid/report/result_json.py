@@ -195,8 +195,9 @@ def _thermal(thermal: ThermalProperties) -> dict[str, Any]:
     entries["plate_gains"] = {
         f"flux_{face}": {"value": value, "std": std, "unit": "-"} for face, (value, std) in thermal.plate_gains.items()
     }
-    entries["mean_residuals_W_per_m2"] = {f"flux_{face}": mean for face, mean in thermal.mean_residuals.items()}
-    entries["resistance_shares"] = thermal.resistance_shares
+    if thermal.resistance_shares:
+        entries["mean_residuals_W_per_m2"] = {f"flux_{face}": mean for face, mean in thermal.mean_residuals.items()}
+        entries["resistance_shares"] = thermal.resistance_shares
     entries["iso_9869"] = {
         f"flux_{one.face}": {
             "resistance": one.resistance,

@@ -63,8 +63,8 @@ _NAMES = {
     "after_W_per_m2": "final model (W/m²)",
     "floor_W_per_m2": "expected from noise alone (W/m²)",
     "plate_gains": "calibration errors of the flux plates (relative)",
-    "mean_residuals_W_per_m2": "mean of measured minus simulated flux (W/m²):",
-    "resistance_shares": "share of the resistance's variance:",
+    "mean_residuals_W_per_m2": "mean of measured minus simulated flux (W/m²)",
+    "resistance_shares": "share of the resistance's variance",
     "iso_9869": "average method (ISO 9869-1)",
     "averaged_days": "whole days averaged",
     "unmet_rules": "stopping rules not met",
@@ -99,6 +99,8 @@ _NAMES = {
 _UNITS = {("loads", "conductivity"): "W/m/K", ("history", "diffusivity"): "m²/s", ("places", "m"): "from the left face"}
 _SHARED = ("resistance", "resistance_without_stored_heat", "std", "interval_95", "place", "size")
 """Keys to which the unit of their dict applies."""
+_OF_NAMES = ("parameters", "variance_shares", "resistance_shares")
+"""Entries that contain names, not keys."""
 
 
 @dataclass(frozen=True)
@@ -261,11 +263,7 @@ def key_as_text(key: str, part: str = "") -> str:
         return ""
     if (own := _UNITS.get((part, key))) is not None:
         return f"{key.replace('_', ' ')} ({own})"
-    if key in _NAMES and part not in (
-        "parameters",
-        "variance_shares",
-        "resistance_shares",
-    ):  # these contain names, not keys
+    if key in _NAMES and part not in _OF_NAMES:
         return _NAMES[key]
     match = re.fullmatch(r"(.*)_(K|J_per_m2|W_per_m2|degC)", key)
     stem, unit = match.groups() if match else (key, "")
