@@ -41,6 +41,18 @@ def test_what_was_mixed_up_is_named(stated, name):
     assert entries["diffusivity_before"] != entries["diffusivity"]
 
 
+def test_what_the_readings_cannot_exclude_is_said_too(stated):
+    """Sensors that lie nearly symmetrically: exchanged faces and reversed sensors differ by 1 cm, 8 mm are stated."""
+    case, _ = stated
+    vague = replace(case, sensors=tuple(replace(sensor, position_std=0.008) for sensor in case.sensors))
+    wrong, _ = mixups.MISTAKES["mirrored"](vague, np.random.RandomState(4))
+    first = wallid.diagnose(wrong).mixups[0]
+    assert first.kind in ("faces", "mirrored", "order")
+    assert "which the readings cannot exclude: " in first.words
+    assert "counted from the right face" in first.words and "in the reverse order" in first.words
+    assert "T1 and T3" not in first.words, "of three sensors, reversed, the middle one stays"
+
+
 def test_a_sound_record_is_left_alone(stated):
     found = wallid.diagnose(stated[0])
     assert found.verdict == "adequate" and found.mixups == () and found.to_dict()["mixups"] == []

@@ -35,6 +35,11 @@ class Ranked:
     deviance: float
     start: float
 
+    @property
+    def has_exchanged_faces(self) -> bool:
+        """Whether the two faces change places, or all positions, which gives the same readings."""
+        return self.correction.mixup.kind in ("faces", "mirrored")
+
 
 class RankedCorrections:
     """All corrections with their deviances to first order about the plain model at a few diffusivities."""
@@ -92,7 +97,10 @@ class RankedCorrections:
         ]
 
     def best(self, count: int) -> list[Ranked]:
-        """The corrections with the lowest deviances, the best of each mix-up's kind and targets."""
+        """The corrections with the lowest deviances, the best of each mix-up's kind and targets; and exchanged faces.
+
+        The derivatives by the parameters are those of the faces as stated, so exchanged faces are ranked too low.
+        """
         best: dict[tuple[str, tuple[str, ...]], Ranked] = {}
         corrections = self._all()
         while some := list(islice(corrections, _TOGETHER)):
@@ -100,8 +108,8 @@ class RankedCorrections:
                 key = one.correction.mixup.kind, one.correction.mixup.targets
                 if key not in best or one.deviance < best[key].deviance:
                     best[key] = one
-        ordered = sorted(best.values(), key=lambda one: one.deviance)[:count]
-        return [self._refined(one) for one in ordered]
+        ordered = enumerate(sorted(best.values(), key=lambda one: one.deviance))
+        return [self._refined(one) for place, one in ordered if place < count or one.has_exchanged_faces]
 
     def _all(self) -> Iterator[Correction]:
         record, case = self.problem.record, self.problem.case

@@ -7,6 +7,7 @@ fitted in full.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,13 +74,30 @@ def best_mixup(plain: EffectFit, noise: NoiseCovariance, highest: float = math.i
     to_first_order = reference.cost - plain.problem.bins.nonempty  # all under the reference's noise
     gains = [to_first_order - one.deviance for one in ranked]
     needed = _WORTH_FITTING * max([of_reference - highest, *gains])
-    fits = [
-        _fit(plain.problem, one.correction, noise, one.start)
-        for one, gain in zip(ranked, gains, strict=True)
-        if gain >= needed
-    ]
+    chosen = [one for one, gain in zip(ranked, gains, strict=True) if gain >= needed]
+    if any(one.correction.mixup.kind == "order" for one in chosen):  # exchanged faces may explain it as well
+        chosen += [one for one in ranked if one.has_exchanged_faces and one not in chosen]
+    fits = [_fit(plain.problem, one.correction, noise, one.start) for one in chosen]
     best = min(fits, key=lambda fit: fit.deviance, default=None)
-    return best if best is not None and best.deviance < highest else None
+    return _with_rivals(best, fits) if best is not None and best.deviance < highest else None
+
+
+def _with_rivals(best: MixupFit, fits: Sequence[MixupFit]) -> MixupFit:
+    """The best mix-up, its words with those of the others that the readings cannot exclude."""
+    close = [best]
+    for fit in sorted(fits, key=lambda fit: fit.deviance):
+        if fit.deviance < best.deviance + RIVAL and not any(_same_record(fit, other) for other in close):
+            close.append(fit)
+    words = "; or, which the readings cannot exclude: ".join(fit.mixup.words for fit in close)
+    return replace(best, mixup=replace(best.mixup, words=words))
+
+
+def _same_record(one: MixupFit, other: MixupFit) -> bool:
+    """Whether two mix-ups correct a record in the same way."""
+    pair = one.case.record, other.case.record
+    return all(
+        np.array_equal(*(getattr(record, name) for record in pair), equal_nan=True) for name in ("faces", "sensors")
+    )
 
 
 def copied_sensor(plain: EffectFit) -> MixupFit | None:
