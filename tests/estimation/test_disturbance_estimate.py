@@ -144,7 +144,7 @@ def test_a_contact_resistance_is_found_where_there_is_one():
     assert low < 0.02 < high and high < 0.03
     assert abs(found.resistance.value - 0.424) < 3 * found.resistance.std
     assert abs(fit.value - DIFFUSIVITY) < 3 * fit.std and fit.std < 0.02 * fit.value
-    assert "between the face and its sensor" in str(fit)
+    assert "between this face and its sensor" in str(fit)
 
 
 def test_no_contact_resistance_is_found_where_there_is_none():

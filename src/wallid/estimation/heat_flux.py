@@ -212,9 +212,10 @@ def _mean_residuals(case: Case, fit: GLSFit) -> dict[str, float]:
 def _variance_shares(fit: GLSFit, combination: np.ndarray) -> dict[str, float]:
     """Share of the plates' calibration, of other errors of instruments and of the rest in a combination's variance."""
     sources = {kind.kind: kind.source_of_variance for kind in fit.kinds} | {PLATE_GAIN: "plates' calibration"}
-    # the errors of instruments are not inflated, so neither is the variance that they are a share of
-    total = float(np.sum((combination @ fit.generalised_inverse) ** 2))
-    total, shares = total if fit.robust is None else fit.variance(combination), {sources[PLATE_GAIN]: 0.0}
+    shares = {sources[PLATE_GAIN]: 0.0}
+    total = fit.variance(combination)
+    if fit.robust is None:  # without the inflation of the noise, which the errors of instruments do not have either
+        total = float(np.sum((combination @ fit.generalised_inverse) ** 2))
     for name, effect in fit.instrument_error_effects(combination).items():
         source = sources[kind_of(name)]
         shares[source] = shares.get(source, 0.0) + effect**2 / total

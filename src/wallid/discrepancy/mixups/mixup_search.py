@@ -94,10 +94,11 @@ def _with_rivals(best: MixupFit, fits: Sequence[MixupFit]) -> MixupFit:
 
 def _same_record(one: MixupFit, other: MixupFit) -> bool:
     """Whether two mix-ups correct a record in the same way."""
-    pair = one.case.record, other.case.record
-    return all(
-        np.array_equal(*(getattr(record, name) for record in pair), equal_nan=True) for name in ("faces", "sensors")
-    )
+    columns = [
+        {"faces": record.faces, "sensors": record.sensors, **record.regressors}
+        for record in (one.case.record, other.case.record)
+    ]
+    return all(np.array_equal(*(each[name] for each in columns), equal_nan=True) for name in columns[0])
 
 
 def copied_sensor(plain: EffectFit) -> MixupFit | None:
