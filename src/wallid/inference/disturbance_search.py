@@ -183,7 +183,7 @@ class RestrictedLikelihood:
     ) -> RestrictedLikelihood:
         """The likelihood in the bins of a shape, from a residual and its Jacobian in finer bins."""
         binned = shape.bins.in_coarser_bins(bins)
-        return cls(shape.counts.T.reshape(-1) > 0, binned(residual), binned(jacobian.T).T, deviation)
+        return cls(shape.has_reading, binned(residual), binned(jacobian.T).T, deviation)
 
     def at(self, covariance: Float[np.ndarray, "reading reading"]) -> _Point:
         """The minimum over the noise's size `v`, for a covariance divided by `v`."""

@@ -255,7 +255,7 @@ class GLSFit:
         faces = float(K @ self.faces_covariance @ K)
         variance = {"sensors' noise": noise - faces, "faces' noise": faces}
         if self.noise.disturbance is not None:
-            present = self.noise_shape.counts.T.reshape(-1) > 0
+            present = self.noise_shape.has_reading
             variance["disturbance"] = float((K * present) @ self.noise.disturbance @ (K * present))
             variance["sensors' noise"] -= variance["disturbance"]
         groups = {kind.source_of_variance: self.indices(kind.kind) for kind in self.kinds}

@@ -258,6 +258,11 @@ class NoiseShape:
         ends = step_response.reshape(2, self.bin_count, bins.rows_per_bin, sensors).mean(axis=2)
         self.binned_response = np.diff(ends, axis=1, prepend=0.0)  # (face, bin, sensor)
 
+    @property
+    def has_reading(self) -> np.ndarray:
+        """Mask of the means that contain a reading, `(reading,)`."""
+        return self.counts.T.reshape(-1) > 0
+
     def autocovariance(self, rho: float) -> np.ndarray:
         """Autocovariance of the bins' means of a first-order autoregression with variance 1, by lag."""
         m, lags = self.rows_per_bin, np.arange(self.bin_count)
@@ -289,7 +294,7 @@ class NoiseShape:
         R += self.gap_errors.T @ self.gap_errors
         if disturbance is not None:
             R += disturbance
-        missing = counts.T.reshape(-1) == 0
+        missing = ~self.has_reading
         R[missing] = R[:, missing] = 0.0
         R[missing, missing] = 1.0
         rms = self._rms_of_outputs(white, autocorrelated, rho)
@@ -300,7 +305,7 @@ class NoiseShape:
         noise = self.face_std**2 * self._autocovariance_of_noise(white, autocorrelated, rho)
         parts = zip(self.binned_response, self.binned_face_errors, strict=True)
         R = np.sum([covariance_of_filtered(response, noise + errors) for response, errors in parts], axis=0)
-        missing = self.counts.T.reshape(-1) == 0
+        missing = ~self.has_reading
         R[missing] = R[:, missing] = 0.0
         return R
 
