@@ -45,14 +45,14 @@ import pytest  # noqa: E402
 hypothesis.settings.register_profile("wallid", deadline=None, derandomize=True, print_blob=True)
 hypothesis.settings.load_profile("wallid")
 
-LONG = {"test_commands", "test_demo", "test_diagnosis", "test_notebooks", "test_integration"}  # a minute and more each
+FIRST = {"test_demo", "test_diagnosis", "test_notebooks", "test_commands", "test_plates"}  # a minute and more each
 
 DATA = Path(os.environ.get("WALLID_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
 
 def pytest_collection_modifyitems(items):
     """Long files first, so that no worker begins one when the other has nothing left."""
-    items.sort(key=lambda item: item.path.stem not in LONG)
+    items.sort(key=lambda item: item.path.stem not in FIRST)
 
 
 @pytest.fixture(scope="module", autouse=True)

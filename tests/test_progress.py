@@ -29,6 +29,7 @@ def check(calls):
     assert list(shares) == sorted(shares) and shares[0] == 0.0 and shares[-1] == 1.0
 
 
+@pytest.mark.slow
 def test_all_long_functions_report_in_the_same_way(case):
     window = wallid.Window(0, 72)
     long = {

@@ -159,6 +159,7 @@ def test_dirt_hardly_moves_the_estimate(house):
 OPTIONS = ("--length", "30 cm", "--left", "T_left", "--right", "T_right", "--sensor", "T1=10cm", "--sensor", "T2=0.2")
 
 
+@pytest.mark.slow
 def test_a_new_case_runs(command, tmp_path):
     (tmp_path / "record.csv").write_text(plain_record())
     ended = command("new", tmp_path / "record.csv", *OPTIONS, "--outside", "right", out=False)

@@ -24,6 +24,7 @@ def command(tmp_path):
     return call
 
 
+@pytest.mark.slow
 def test_design_alone(command, tmp_path):
     ended = command("design", "saint_julien", "--json", "--of", "constants", "--criterion", "E", "--add", 2)
     assert ended.exit_code == 0
@@ -42,12 +43,14 @@ def test_design_alone(command, tmp_path):
     assert len(result["lengths"]["days"]) == len(result["lengths"]["criterion"]) > 1
 
 
+@pytest.mark.slow
 def test_a_window_by_hand(command):
     ended = command("estimate", "saint_julien", "--from-row", 240, "--model", "lom", "--json")
     assert json.loads(ended.stdout)["window"]["start"] == "2009-01-11T00:00:00"
     assert command("estimate", "saint_julien", "--from-row", 2600).exit_code == 2
 
 
+@pytest.mark.slow
 def test_the_summary_is_for_people(command):
     ended = command("estimate", "saint_julien")
     assert ended.exit_code == 1  # a sun is hidden in it
@@ -83,6 +86,7 @@ def test_orders_that_are_no_numbers(command):
     assert wrong.exit_code == 2 and "--orders" in wrong.stderr
 
 
+@pytest.mark.slow
 def test_a_case_of_ones_own(command, tmp_path):
     ended = command("run", write_own(tmp_path), "--json")
     assert ended.exit_code == 0
@@ -95,6 +99,7 @@ def test_a_case_of_ones_own(command, tmp_path):
     assert not (tmp_path / "out" / "loads.png").exists()
 
 
+@pytest.mark.slow
 def test_other_window_lengths_on_request(command, tmp_path):
     ended = command("run", write_own(tmp_path), "--lengths")
     assert ended.exit_code == 0 and "lengths      1 to 5 days" in ended.stderr
@@ -157,6 +162,7 @@ def test_an_open_quotation_mark_is_named(command, tmp_path):
     assert ended.exit_code == 2 and "quotation mark" in ended.stderr
 
 
+@pytest.mark.slow
 def test_lom_and_mim_agree_and_what_one_left_is_not_taken_for_the_others(command, tmp_path):
     values = []
     for model in ("mim", "lom"):
@@ -223,6 +229,7 @@ def test_help_of_every_command(words, said):
     assert ended.exit_code == 0 and said in ended.output
 
 
+@pytest.mark.slow
 def test_a_plate_that_reads_temperatures_determines_nothing(command, tmp_path):
     """A diagnosis of a plate alone runs; what is no flux is no wall, and the status says so."""
     path = write_own(tmp_path)

@@ -15,6 +15,7 @@ from results import DIAGNOSIS, FIGURES, SCHEMA
 
 import wallid
 
+pytestmark = pytest.mark.slow
 DRAWN = FIGURES | DIAGNOSIS | {"orders.png"}
 
 

@@ -161,6 +161,7 @@ def test_a_time_outside_the_record_is_refused(command, measured_case):
     assert ended.exit_code == 2 and "it must lie between" in ended.stderr
 
 
+@pytest.mark.slow
 def test_the_common_factor_is_estimated_through_the_section(command, measured_case):
     ended = command("estimate", measured_case, "--from-row", 0, "--json")
     assert ended.exit_code == 0, ended.output

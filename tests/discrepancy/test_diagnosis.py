@@ -93,10 +93,12 @@ def test_nothing_is_missing_from_a_wall_from_which_nothing_is(explained, noise):
     [
         ("solar_gain", "left", {"gain": 0.004}, "gain"),
         ("sensor_position", "T2", {"shift": 0.015}, "shift"),
-        ("sensor_lag", "T1", {"time_constant": 3600.0}, "time_constant"),
-        ("layered_conductivity", None, {"log_ratio": 0.5, "interface": 0.16}, "log_ratio"),
+        pytest.param("sensor_lag", "T1", {"time_constant": 3600.0}, "time_constant", marks=pytest.mark.slow),
+        pytest.param(
+            "layered_conductivity", None, {"log_ratio": 0.5, "interface": 0.16}, "log_ratio", marks=pytest.mark.slow
+        ),
         ("heat_source", None, {"rate": 2e-5, "place": None, "hours": [6.0, 11.0]}, "rate"),
-        ("temperature_dependent_conductivity", None, {"slope": 0.015}, "slope"),
+        pytest.param("temperature_dependent_conductivity", None, {"slope": 0.015}, "slope", marks=pytest.mark.slow),
     ],
 )
 def test_a_hidden_effect_is_named_with_its_size(explained, name, target, parameters, size):
@@ -112,21 +114,25 @@ PLACED = ("heat_source", None, {"rate": -4e-4, "place": 0.3, "hours": [7.0, 13.0
     ("name", "target", "parameters", "size", "wall"),
     [
         # it takes the diffusivity with it
-        (
+        pytest.param(
             "surface_film", "right", {"film_length": 0.11}, "film_length",
-            {"length": 0.247, "positions": (0.045, 0.14, 0.201), "diffusivity": 2.7e-7},
+            {"length": 0.247, "positions": (0.045, 0.14, 0.201), "diffusivity": 2.7e-7}, marks=pytest.mark.slow,
         ),
-        PLACED,
+        pytest.param(*PLACED, marks=pytest.mark.slow),
         # past half the way to the first sensor
         ("face_depth", "left", {"depth": 0.04}, "depth", {}),
         # no other days tell of a rain on a day that would be held out
-        ("wetting", None, {"jump": 0.5, "time_constant": 1.2e5, "time": 4.2 * 86400.0}, "jump", {}),
+        pytest.param(
+            "wetting", None, {"jump": 0.5, "time_constant": 1.2e5, "time": 4.2 * 86400.0}, "jump", {},
+            marks=pytest.mark.slow,
+        ),
     ],
 )  # fmt: skip
 def test_what_one_derivative_tells_little_of_is_named_all_the_same(explained, name, target, parameters, size, wall):
     right_and_near(explained, name, target, parameters, size, **wall)
 
 
+@pytest.mark.slow
 def test_a_source_found_everywhere_is_tried_at_a_place_at_its_hours(explained):
     found, _ = explained(PLACED[:3])
     study, plain = found.problem, found.before
@@ -182,6 +188,7 @@ def test_what_needs_improbable_errors_to_foretell_days_is_no_rival(explained):
     assert held_out_cost(found.before, held) > held_out_cost(found.after, held) + 30
 
 
+@pytest.mark.slow
 def test_a_record_too_short_to_hold_days_out_is_explained_all_the_same(tmp_path):
     write_case(replace(PLAIN, days=2.8, effects=(Hidden("solar_gain", "left", {"gain": 0.004}),)), tmp_path)
     case = tmp_path / "case.toml"
@@ -193,6 +200,7 @@ def test_a_record_too_short_to_hold_days_out_is_explained_all_the_same(tmp_path)
     assert "days held out" not in found.sentence
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "wall"),
     [
@@ -206,6 +214,7 @@ def test_two_hidden_effects_are_both_named(explained, hidden, wall):
     assert gains == sorted(gains, reverse=True)
 
 
+@pytest.mark.slow
 def test_an_effect_that_is_none_of_the_known_ones_gets_no_name(explained):
     found, _ = explained(("corner", None, {"distance": 0.15}))
     assert found.verdict == "unnamed", str(found)

@@ -93,6 +93,7 @@ def test_heterogeneity_is_named(diagnosis):
     assert "not homogeneous" in diagnosis.sentence and "section      heterogeneity" in diagnosis.summary()
 
 
+@pytest.mark.slow
 def test_a_homogeneous_wall_contradicts_the_section():
     """The same stated section, but stone and mortar are of one material."""
     frame, truth = simulated(dict.fromkeys(MATERIALS, (1.2, 1.9e6)), 2909)
@@ -219,6 +220,7 @@ def case_file(record, tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_the_page_of_a_diagnosis_shows_both_walls(case_file, tmp_path):
     ended = CliRunner().invoke(app, ["diagnose", str(case_file), "--out", str(tmp_path / "out")])
     assert ended.exit_code == 0, ended.output
@@ -244,6 +246,7 @@ def test_a_size_that_excludes_the_section_is_not_the_section(diagnosis):
     assert "where the section says 1" in doubted.sentence
 
 
+@pytest.mark.slow
 def test_faults_of_instruments_are_not_taken_for_stones():
     """A homogeneous wall with a stated section and two faults: the wall with the faults explains the record."""
     frame, truth = simulated(dict.fromkeys(MATERIALS, (1.2, 1.9e6)), 2910)

@@ -23,7 +23,10 @@ def stated(tmp_path_factory):
     return wallid.load(folder), truth
 
 
-@pytest.mark.parametrize("name", ["mirrored", "exchanged", "copy", "unit", "clock_from_a_row_on", "cm"])
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("mirrored", "unit", "clock_from_a_row_on", "cm")]
+
+
+@pytest.mark.parametrize("name", ["exchanged", "copy", *SLOW])
 def test_what_was_mixed_up_is_named(stated, name):
     case, truth = stated
     wrong, right = mixups.MISTAKES[name](case, np.random.RandomState(4))
@@ -58,6 +61,7 @@ def test_a_sound_record_is_left_alone(stated):
     assert found.verdict == "adequate" and found.mixups == () and found.to_dict()["mixups"] == []
 
 
+@pytest.mark.slow
 def test_an_effect_that_is_no_mixup_is_named_as_an_effect(tmp_path):
     """A lag of most of an hour is not a clock that is an hour late."""
     write_case(replace(MONITORED, effects=(Hidden("sensor_lag", "T2", {"time_constant": 3000.0}),)), tmp_path)

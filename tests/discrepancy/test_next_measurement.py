@@ -182,6 +182,7 @@ def test_refits_confirm_the_derivatives_of_a_repeat(found):
         assert exact.excess == pytest.approx(derivative.excess, rel=0.35, abs=1.5)
 
 
+@pytest.mark.slow
 def test_a_longer_record_makes_an_uninformative_one_informative(found):
     case = found.problem.case
     strict = replace(case, choices=replace(case.choices, largest_interval_factor=1.0 + 2e-3))

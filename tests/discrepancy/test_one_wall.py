@@ -71,7 +71,7 @@ def test_the_responses_to_the_faces_are_the_same(both):
 
 
 @pytest.mark.parametrize("effects", [(), SUN], ids=["nothing hidden", "sun hidden"])
-@pytest.mark.parametrize("noise", ["white", "ar09"])
+@pytest.mark.parametrize("noise", ["white", pytest.param("ar09", marks=pytest.mark.slow)])
 def test_the_plain_diffusivity_is_the_same_to_a_tenth_of_its_standard_error(tmp_path, effects, noise):
     case = plain_case(tmp_path, layered=False, spec=replace(NOISY, effects=effects, noise=noise))
     found = wallid.estimate(case, diagnosis_window(case))

@@ -98,6 +98,7 @@ PRIORS = [
 ]
 
 
+@pytest.mark.slow
 def test_one_compilation_serves_every_choice_of_effects_and_of_nuisance_parameters(study, monkeypatch):
     """Of the linear wall and of one whose heat equation is not: each is traced once for all of them."""
     traced, simulate = {True: 0, False: 0}, model_with_effects.simulate_readings

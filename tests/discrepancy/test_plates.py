@@ -234,7 +234,6 @@ def inside(quantity, value):
     return low < value < high
 
 
-@pytest.mark.runs_long
 def test_a_wall_with_plates_alone(diagnosed):
     """Nothing is missing; the resistance and the capacity are in their intervals; the gap is that of the fluxes."""
     found, true = diagnosed()
@@ -248,7 +247,7 @@ def test_a_wall_with_plates_alone(diagnosed):
     assert "the resistance" in found.sentence and "W/m2" in found.sentence
 
 
-@pytest.mark.runs_long
+@pytest.mark.slow
 def test_the_gain_of_one_of_two_plates_cannot_be_told_from_that_of_the_other(diagnosed):
     found, true = diagnosed(("plate_gain", "left", {"gain": -0.3}))
     assert found.verdict == "confusable"
@@ -259,7 +258,6 @@ def test_the_gain_of_one_of_two_plates_cannot_be_told_from_that_of_the_other(dia
     assert not any(action.kind == "flux_plate" for one in found.prescriptions for action in one.actions)
 
 
-@pytest.mark.runs_long
 def test_an_offset_of_a_plate_is_named(diagnosed):
     found, true = diagnosed(("plate_offset", "right", {"offset": 2.0}))
     assert found.verdict == "named" and names(found) == [("plate_offset", "right", set())]
@@ -268,7 +266,7 @@ def test_an_offset_of_a_plate_is_named(diagnosed):
     assert inside(found.quantities["resistance"], true["resistance"])
 
 
-@pytest.mark.runs_long
+@pytest.mark.slow
 def test_a_resistance_before_the_wall_is_a_film_or_a_plates(diagnosed):
     """Both have the same equation, so the verdict names both."""
     found, true = diagnosed(("plate_resistance", "left", {"resistance": 0.01}))
@@ -278,7 +276,7 @@ def test_a_resistance_before_the_wall_is_a_film_or_a_plates(diagnosed):
     assert inside(found.quantities["diffusivity"], true["diffusivity"])
 
 
-@pytest.mark.runs_long
+@pytest.mark.slow
 def test_exchanged_plates_are_a_mixup(diagnosed, tmp_path):
     write_case(CAMPAIGN, tmp_path)
     case = wallid.load(tmp_path)
@@ -289,7 +287,7 @@ def test_exchanged_plates_are_a_mixup(diagnosed, tmp_path):
     assert found.verdict == "named" and not found.effects
 
 
-@pytest.mark.runs_long
+@pytest.mark.slow
 def test_one_plate_beside_sensors(diagnosed):
     """Its gain has no trace, and the text says so; a lag of it has one."""
     shape = {"positions": (0.1, 0.2), "plates": ("left",)}
@@ -301,7 +299,7 @@ def test_one_plate_beside_sensors(diagnosed):
     assert high / low > np.exp(2 * 1.9 * 0.05), "no surer than the calibration"
 
 
-@pytest.mark.runs_long
+@pytest.mark.slow
 def test_the_london_wall_gets_a_verdict(measured):
     """Layers near both faces halve the residual; the resistance with them is that of the published fits."""
     found = wallid.diagnose(london(measured))

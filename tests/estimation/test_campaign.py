@@ -142,6 +142,7 @@ def test_a_record_that_tells_nothing_and_windows_by_hand(found):
         wallid.campaign(case, windows=[wallid.Window(0, ROWS), wallid.Window(ROWS - 1, ROWS)])
 
 
+@pytest.mark.slow
 def test_all_windows_on_the_command_line(tmp_path):
     words = ["estimate", str(write_own(tmp_path)), "--all-windows", "--out", str(tmp_path / "out")]
     ended = CliRunner().invoke(app, [*words, "--json"])

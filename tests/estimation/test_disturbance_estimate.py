@@ -44,8 +44,10 @@ def test_heat_released_inside_balances_what_leaves():
 
 @pytest.mark.parametrize(
     ("kind", "places"),
-    [(Kind("sensors", "wall", 3.0), {"wall"}), (Kind("plates", "face", 48.0), {"right"})],
-    ids=["in the wall", "behind a face"],
+    [
+        pytest.param(Kind("sensors", "wall", 3.0), {"wall"}, id="in the wall"),
+        pytest.param(Kind("plates", "face", 48.0), {"right"}, id="behind a face", marks=pytest.mark.slow),
+    ],
 )
 def test_the_interval_holds_the_truth_with_a_disturbance(kind, places):
     case = case_of(kind)

@@ -88,6 +88,7 @@ def test_explicit_and_autodiff_jacobians_give_the_same_estimate(case, reduced):
     assert one.std == pytest.approx(two.std, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_a_free_h_theta_still_finds_the_minimum_of_its_field(case, reduced):
     free = wallid.learn(case, wallid.design(case), tied=False)
     assert wallid.estimate(case, None, free).value == pytest.approx(
@@ -260,6 +261,7 @@ def test_one_compilation_for_all_windows_of_a_length():
         jax.block_until_ready(fit(wallid.models.window_data(case, wallid.Window(row, 72)), jnp.asarray(start)))
 
 
+@pytest.mark.slow
 def test_the_twin_without_sun_over_20_noise_seeds():
     """The issue's figure: the mean within 1 %, each within 4 % of 1.06e-6."""
     case = wallid.load("saint_julien")
@@ -273,6 +275,7 @@ def test_the_twin_without_sun_over_20_noise_seeds():
     assert np.abs(errors).max() < 0.04
 
 
+@pytest.mark.slow
 def test_the_case_studys_orders_against_the_large_model():
     """MIM within 0.5 % of LOM (the paper's Table 4); `benchmarks.accuracy.method` takes all orders from 7 to 20."""
     case = wallid.load("saint_julien")

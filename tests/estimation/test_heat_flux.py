@@ -162,6 +162,7 @@ def test_a_plate_that_reads_too_much_says_by_how_much(both):
     assert re.search(r"right: calibration .* differs from the model by \+\d\S* W/m2 on average", str(told))
 
 
+@pytest.mark.slow
 def test_one_plate_serves():
     told = wallid.estimate(case_of(("left",))).thermal
     near(told.resistance, R)
@@ -254,6 +255,7 @@ def test_sensors_and_plates_together():
     assert joined.residual.shape == (ROWS, 2) and joined.sensor_count == 1
 
 
+@pytest.mark.slow
 def test_a_campaign_takes_fluxes_window_by_window(both):
     """What one estimate has compiled serves all windows; each is that of `estimate`, and all know the wall better."""
     case, compiled = case_of(windows=2), []
@@ -387,6 +389,7 @@ def test_a_design_counts_fluxes_to_the_cramer_rao_bound(sensors):
     )
 
 
+@pytest.mark.slow
 def test_estimates_from_fluxes_scatter_as_the_design_expects():
     """Twelve records of other noise from a wall that did not begin at rest; the chi-square of their scatter."""
     values = []
@@ -404,6 +407,7 @@ def test_estimates_from_fluxes_scatter_as_the_design_expects():
     assert low < np.sum(np.square(values)) / expected**2 < high
 
 
+@pytest.mark.slow
 def test_a_reduced_model_learns_fluxes_and_answers_for_its_error(both):
     """Nine modes: the sine series' fluxes, the large model's estimate, and the shift that its own error makes."""
     case, window = case_of(sensor=True), wallid.Window(0, ROWS)
@@ -560,6 +564,7 @@ def test_a_design_of_fluxes_on_the_command_line(tmp_path):
     assert (out / "design.png").exists() and "Experiment design" in (out / "report.html").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_all_windows_of_fluxes_on_the_command_line(tmp_path):
     out = tmp_path / "out"
     result = result_of("estimate", written(tmp_path, windows=2), "--all-windows", "--out", str(out))
@@ -585,6 +590,7 @@ def test_the_london_wall_as_a_homogeneous_slab(measured):
     assert [round(one.resistance, 3) for one in told.average_methods] == [0.372, 0.465], "as published of this record"
 
 
+@pytest.mark.slow
 def test_the_days_of_the_london_wall_agree_with_the_whole(measured):
     """By default: a contact resistance and heat behind the outer face are found; R of each day and of all together."""
     case = london(measured)

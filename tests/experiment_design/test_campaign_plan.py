@@ -124,6 +124,7 @@ def test_a_daily_cycle_outdoors_is_damped_as_by_the_transmission_matrix(folder):
     assert amplitude == pytest.approx(8.0 * surfaces, rel=0.02)
 
 
+@pytest.mark.slow
 def test_expected_errors_are_those_of_simulated_estimates(folder):
     """The scatter of estimates from simulated records, over their expected standard error."""
     campaign = wallid.load_campaign(folder)

@@ -77,6 +77,7 @@ def test_the_standard_error_is_the_cramer_rao_bound(kind):
     assert fit.std / fit.value / widened == pytest.approx(interval.best_std(errors, faces), rel=0.12)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth():
     """The benchmark takes 2000 of each kind; of 20 that hold with 95 %, 15 do in all but 0.03 % of cases."""
     for kind in ("propagated", "positions"):
@@ -120,6 +121,7 @@ def test_position_errors_are_found_as_constants():
     assert low < interval.DIFFUSIVITY < high
 
 
+@pytest.mark.slow
 def test_the_places_of_the_faces_sensors_are_counted():
     """Of 20 intervals that hold the truth with 95 %, 15 do in all but 0.03 % of cases; of fewer hold without."""
     kind, held = interval.KINDS["faces"], []
@@ -226,6 +228,7 @@ def test_a_diffusivity_that_changes_in_the_window_is_not_relied_on(later):
     assert ("not constant over the window" in fit.reason) == (later != 1.0)
 
 
+@pytest.mark.slow
 def test_a_steady_diffusivity_is_called_unsteady_as_often_as_chance_says(monkeypatch):
     seen = []
     monkeypatch.setattr(conclude, "why_not_constant", lambda case, fit: seen.append(fit.constancy_p_value) or "")

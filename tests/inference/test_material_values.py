@@ -232,6 +232,7 @@ def test_a_known_material_is_not_estimated(record):
     assert section_modes(half_known).equivalent.diffusivity > 0
 
 
+@pytest.mark.slow
 def test_unknown_heights_and_free_materials_together(record, section, fit):
     """What a sensor reads at its probable heights depends on the materials too: the interval is wider, and true."""
     found = wallid.estimate(case_of(record, section, (None,) * 4, free="materials"))
@@ -241,6 +242,7 @@ def test_unknown_heights_and_free_materials_together(record, section, fit):
     assert abs(np.log(stone.value / TRUE["stone"][0])) < 3.0 * stone.std / stone.value
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_materials(record, section, tmp_path):
     """`wallid estimate --free materials` on a case file."""
     record[0].to_csv(tmp_path / "record.csv", index=False)

@@ -71,6 +71,7 @@ def test_a_kind_from_outside_is_estimated():
     assert "the gain of T1" in fit.identifiability.names
 
 
+@pytest.mark.slow
 def test_one_compilation_serves_every_choice_of_what_is_estimated(monkeypatch):
     """Offsets, positions, faces' positions and common noise, with other priors or none: the mask is data."""
     case, traced, search = simulated(5), [], likelihood.search

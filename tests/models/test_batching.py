@@ -123,6 +123,7 @@ def test_eight_devices_give_one_devices_numbers(tmp_path):
     np.testing.assert_allclose(found["windows"], design.information, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_two_processes_give_one_processs_numbers(tmp_path):
     """Over loopback, two devices each; both hold the whole answer."""
     with socket.socket() as free:

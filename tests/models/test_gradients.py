@@ -122,7 +122,7 @@ def agree(derivatives, at, want):
         (jax.grad, {"integrator": "diffrax", "adjoint": BOTH}),
     ],
 )
-@pytest.mark.parametrize("layered", [True, False])
+@pytest.mark.parametrize("layered", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_every_quantity_against_finite_differences(layered, derivative, how):
     """Conductivities, heat capacities, thicknesses, positions; diffusivity, length, face temperatures, profile."""
     at = stated(layered)
@@ -227,6 +227,7 @@ def test_the_propagator_takes_no_adjoint():
         loss(stated(False), layered=False, adjoint=REVERSE)
 
 
+@pytest.mark.slow
 def test_forward_over_reverse_by_diffrax():
     slope = jax.grad(lambda fo: steps_by_diffrax(fo, BOTH))
     want = float(slope(0.3 + 1e-5) - slope(0.3 - 1e-5)) / 2e-5

@@ -211,7 +211,7 @@ def test_cubic_inputs_in_every_recurrence_and_by_diffrax(nodes):
         assert_allclose(by_diffrax[k], want[k], atol=1e-10)
 
 
-@pytest.mark.parametrize(("nodes", "rows"), [(9, 61), (20, 300)])
+@pytest.mark.parametrize(("nodes", "rows"), [(9, 61), pytest.param(20, 300, marks=pytest.mark.slow)])
 def test_the_single_kernel_goes_through_every_transformation(monkeypatch, nodes, rows):
     """Closed over, mapped over models and inputs, forward and reverse, once and twice: nothing that XLA cannot make."""
     monkeypatch.setattr(single_kernel, "has_small_loops", lambda: True)

@@ -42,7 +42,7 @@ def reduced(rubble):
     return reduce_section(full.model, MaterialRange.of(section), order=60)
 
 
-@pytest.mark.parametrize("seed", [5, 6])
+@pytest.mark.parametrize("seed", [5, pytest.param(6, marks=pytest.mark.slow)])
 def test_a_reduced_model_of_order_60_holds_over_the_priors_for_unseen_faces(rubble, reduced, seed):
     _, full = rubble
     materials, faces = reduced.materials, weather(24 * 8, seed)

@@ -127,6 +127,7 @@ def test_an_estimate_without_plates_is_refused():
         plot.average_resistance(case, Mock(spec=wallid.Estimate, thermal=None), 0)
 
 
+@pytest.mark.slow
 def test_the_report_has_the_figure_and_its_words():
     case = case_of(DRIFT)
     fit = wallid.estimate(replace(case, record=replace(case.record, faces=case.record.faces + DAYS[:, None] ** 2)))

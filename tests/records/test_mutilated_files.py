@@ -45,6 +45,7 @@ def test_mutilated_files_are_checked_from_the_command_line(house, seed, which, e
 SAME_ROWS = ["words", "empty_cells", "swapped_rows", "stuck_sensor"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SAME_ROWS)
 def test_a_run_on_a_mutilated_file(house, name):
     """Mutilations that leave the rows as many, so that what one run compiled serves the next; more in benchmarks."""

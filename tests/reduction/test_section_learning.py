@@ -38,6 +38,7 @@ def rubble_section():
     return section_of_regions(0.4, 0.5, materials, coursed_rubble(0.4, 0.5, seed=2, courses=3, joint=0.02))
 
 
+@pytest.mark.slow
 def test_order_10_gives_the_field_and_the_sensitivity_for_an_unseen_face():
     section = rubble_section()
     learned = wallid.learn(rubble_case(1, 3, section), wallid.Window(0, 144), 10).system
