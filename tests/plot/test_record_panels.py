@@ -1,5 +1,7 @@
 """The panels of a record: its further columns with their units, flux plates, and removed spikes."""
 
+from dataclasses import replace
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -52,6 +54,15 @@ LABELS = {
     "flux": "heat flux\n(W/m²)", "irradiance": "irradiance\n(W/m²)", "air": "air (°C)", "wind": "wind (m/s)",
     "rain": "rain (mm/h)", "heating": "heating (0 to 1)",
 }  # fmt: skip
+
+
+def test_fluxes_without_a_neighbour_are_drawn_as_points(case, ax):
+    """A line between rows shows nothing where every other row has no reading."""
+    flux = np.where(np.arange(ROWS) % 4 == 0, case.record.regressors["flux_left"], np.nan)
+    record = replace(case.record, regressors={**case.record.regressors, "flux_left": flux})
+    points, line = plot.regressors(replace(case, record=record), "flux", ax=ax).lines
+    assert (points.get_linestyle(), line.get_linestyle()) == ("None", "-")
+    np.testing.assert_array_equal(points.get_ydata(), flux[::4])
 
 
 def test_each_further_column_has_a_panel_with_its_unit(case):

@@ -388,6 +388,31 @@ def test_a_slower_sensor_keeps_its_readings(read):
     assert record.cleaning.count("carried", "T1") == len(there)
 
 
+def test_a_plates_readings_are_not_made_more(read):
+    """A flux is a reading as a sensor's is: a gap stays a gap, where an air temperature is interpolated."""
+    columns = {**COLUMNS, "regressors": {"flux_left": "q", "air_outdoor": "air"}}
+    frame = table().assign(q=lambda rows: 30 + rows["T_left"], air=lambda rows: rows["T_right"])
+    frame.loc[[50, 51], ["q", "air"]] = np.nan
+    record = read(text(frame.drop(index=[10])), columns)
+    known = np.setdiff1d(np.arange(ROWS), [10, 50, 51])
+    assert np.isnan(record.regressors["flux_left"][[10, 50, 51]]).all()
+    np.testing.assert_array_equal(record.regressors["flux_left"][known], frame["q"][known])
+    assert np.isfinite(record.regressors["air_outdoor"]).all()
+
+
+def test_a_slower_plate_keeps_its_readings(read):
+    """Hourly fluxes five minutes past rows of ten, and what was done to them is in the list."""
+    columns = {**COLUMNS, "sensors": [], "regressors": {"flux_right": "T1"}}
+    faces = [f"{t},{10 + np.sin(t / 14_000)},{20 - np.sin(t / 14_000)},," for t in (600 * np.arange(600)).tolist()]
+    fluxes = [f"{t},,,{12 + 1e-4 * t}," for t in (240 + 3600 * np.arange(99)).tolist()]
+    lines = sorted(faces + fluxes, key=lambda line: int(line.split(",")[0]))
+    record = read("\n".join([HEADER.strip(), *lines]), columns)
+    there = np.flatnonzero(np.isfinite(record.regressors["flux_right"]))
+    assert record.sensors.shape == (600, 0) and set(np.diff(there)) == {6} and 98 <= len(there) <= 99
+    np.testing.assert_allclose(record.regressors["flux_right"][there], 12 + 1e-4 * record.time[there])
+    assert record.cleaning.count("carried", "T1") == len(there)
+
+
 def test_a_stated_step(read):
     frame = table()
     coarse = read(text(frame), step=7200)

@@ -73,9 +73,8 @@ def record(case: Case, window: Window | None = None, *, spikes: bool = False, ax
         exposure = "outside" if case.wall.outside == name else "inside"
         ax.plot(*downsampled(days, faces[:, side]), color=colour, lw=0.8, label=f"{name} face ({exposure})")
     for s, sensor in enumerate(case.sensors):
-        present = np.isfinite(logged.sensors[:, s])
-        sparse = present.any() and _between_readings(present).mean() > 1.5 * present.mean()
-        rows = present if sparse else slice(None)  # a missing value breaks the line
+        sparse = is_sparse(logged.sensors[:, s])
+        rows = np.isfinite(logged.sensors[:, s]) if sparse else slice(None)  # a missing value breaks the line
         line = {**marker_style(s), "ls": "none", "ms": 3} if sparse else {**line_style(s), "lw": 1.0}
         position = f" at {100 * sensor.position:.3g} cm" if len(case.sensors) <= _FEW_SENSORS else ""
         label = f"{shortened(sensor.name)}{position}"
@@ -192,6 +191,12 @@ def _row_colour(row: int, sensors: int) -> str:
     if row < 2:
         return FACE_COLOURS[row]
     return sensor_colour(row - 2) if row - 2 < sensors else GREY
+
+
+def is_sparse(values: np.ndarray) -> bool:
+    """Whether the readings of an instrument are so far apart that most of them have no reading in the next row."""
+    present = np.isfinite(values)
+    return bool(present.any() and _between_readings(present).mean() > 1.5 * present.mean())
 
 
 def _between_readings(present: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from ..case.case_definition import Case
 from ..case.wall_and_sensors import SIDES
 from .house_style import FACE_COLOURS, ORANGE, PURPLE, SKY, axes_or_new
 from .legends import legend_above
-from .logged_record import downsampled
+from .logged_record import downsampled, is_sparse
 from .time_axis import TimeAxis
 
 _COLUMNS = {
@@ -66,7 +66,11 @@ def regressors(case: Case, quantity: str, *, ax: Axes | None = None) -> Axes:
     for column in _COLUMNS[quantity]:
         if (values := case.record.regressors.get(column)) is None:
             continue
-        ax.plot(*downsampled(days, np.asarray(values)), lw=0.8, label=_NAMES.get(column, column), **_line(case, column))
+        sparse = is_sparse(values)
+        rows = np.isfinite(values) if sparse else slice(None)  # a missing value breaks the line
+        line = _line(case, column) | {"label": _NAMES.get(column, column)}
+        line |= {"marker": "o", "ms": 2.5, "mew": 0, "ls": "none"} if sparse else {"lw": 0.8}
+        ax.plot(*downsampled(days[rows], np.asarray(values)[rows]), **line)
         if column == "heating" and not np.nanmax(values, initial=0.0) > 1.0:
             label = "heating (0 to 1)"
     ax.set(ylabel=label)

@@ -34,9 +34,9 @@ class FileFormat:
         unit: of the temperature columns without a unit of their own: "degC", "degF" or "K"; None: degC, and an error
             where the file states another.
         step: of the uniform grid, s; None: the typical step of the faces.
-        longest_gap: h. A shorter gap in a face is interpolated; a longer gap splits the record. An inner reading
-            between two rows is interpolated to one of them only if its neighbours are at most this far apart. None: 3
-            h, or three steps where that is longer.
+        longest_gap: h. A shorter gap in a face is interpolated; a longer gap splits the record. A reading of an
+            inner sensor or a flux plate between two rows is interpolated to one of them only if its neighbours are at
+            most this far apart. None: 3 h, or three steps where that is longer.
         clean: whether spikes and stuck readings are masked.
 
     Raises:

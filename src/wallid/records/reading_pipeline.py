@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _AIR = ("air_outdoor", "air_indoor")
+_PLATES = ("flux_left", "flux_right")  # their columns are readings, as those of the sensors are
 _PLAIN_CSV = (",", ".", "utf-8", 1, 0)
 _SEPARATOR_NAMES = {"\t": "tab", ";": "semicolon", ",": "comma", "|": "bar"}
 _DECIMAL_NAMES = {".": "point", ",": "comma"}
@@ -150,13 +151,19 @@ def _resample(
             f"{rows.location.file}: {count} rows of {grid.step:g} s have both faces; at least {MIN_ROWS} are needed"
         )
     steps = list(steps)
+    plates = [regressors[key] for key in _PLATES if key in regressors]
     if not grid.as_read:
-        for name in (*faces, *sensors):
+        for name in (*faces, *sensors, *plates):
             steps += _assignment_steps(name, readings[name])
-    inner = np.empty((len(grid.seconds), len(sensors)))
-    for k, name in enumerate(sensors):
-        inner[:, k], sensor_steps = _sensor_on_grid(grid, rows, name, readings[name], longest_gap)
-        steps += sensor_steps
+    read = {}
+    for name in (*sensors, *plates):
+        read[name], reading_steps = _readings_on_grid(grid, rows, name, readings[name], longest_gap)
+        steps += reading_steps
+    others = {
+        key: _regressor_on_grid(grid, readings[name], longest_gap)
+        for key, name in regressors.items()
+        if key not in _PLATES
+    }
     if count < len(grid.seconds):
         steps.append(CleaningStep("", "trimmed", len(grid.seconds) - count))
     for name, face in zip(faces, filled, strict=True):
@@ -168,10 +175,8 @@ def _resample(
         stamps=grid.stamps[part],
         zone=rows.times.zone,
         faces=np.stack([face.values[part] for face in filled], axis=1),
-        sensors=inner[part],
-        regressors={
-            key: _regressor_on_grid(grid, readings[name], longest_gap)[part] for key, name in regressors.items()
-        },
+        sensors=np.array([read[name][part] for name in sensors]).reshape(len(sensors), count).T,
+        regressors={key: (read[name] if key in _PLATES else others[key])[part] for key, name in regressors.items()},
         fill_std=std if std.any() else None,
         cleaning=CleaningLog(
             _format_in_words(table, file_format),
@@ -215,10 +220,10 @@ def _rows_with_both_faces(grid: UniformGrid, readings: Sequence[ColumnReadings],
     return slice(int(rows[0]), int(rows[-1]) + 1) if len(rows) else slice(0, 0)
 
 
-def _sensor_on_grid(
+def _readings_on_grid(
     grid: UniformGrid, rows: SortedRows, name: str, readings: ColumnReadings, longest_gap: float
 ) -> tuple[np.ndarray, list[CleaningStep]]:
-    """An inner sensor's values: each reading is interpolated to the time of its row, all other rows are NaN."""
+    """A sensor's or a plate's values: each reading is interpolated to the time of its row, all other rows are NaN."""
     values, steps = np.full(len(grid.seconds), np.nan), []
     if grid.as_read:
         values[readings.rows] = readings.values

@@ -358,9 +358,10 @@ def read_record(
     """Read a record from a logger's CSV file or a DataFrame and resample it to a uniform grid.
 
     Rows that are already uniform are not changed. Others are resampled to a grid with the typical step of the faces:
-    face temperatures are interpolated linearly between their readings; each inner reading is interpolated linearly to
-    the time of its closest row. A gap in a face is interpolated and its standard error is in `fill_std`. A gap longer
-    than the format's `longest_gap` breaks the record. Missing inner readings stay NaN.
+    face temperatures are interpolated linearly between their readings; each reading of an inner sensor or a flux plate
+    is interpolated linearly to the time of its closest row. A gap in a face is interpolated and its standard error is
+    in `fill_std`. A gap longer than the format's `longest_gap` breaks the record. Missing readings of sensors and
+    plates stay NaN.
 
     Args:
         path: of the CSV file, or a pandas DataFrame.
