@@ -68,9 +68,9 @@ def regressors(case: Case, quantity: str, *, ax: Axes | None = None) -> Axes:
             continue
         sparse = is_sparse(values)
         rows = np.isfinite(values) if sparse else slice(None)  # a missing value breaks the line
-        line = _line(case, column) | {"label": _NAMES.get(column, column)}
-        line |= {"marker": "o", "ms": 2.5, "mew": 0, "ls": "none"} if sparse else {"lw": 0.8}
-        ax.plot(*downsampled(days[rows], np.asarray(values)[rows]), **line)
+        shown: dict[str, Any] = {"marker": "o", "ms": 2.5, "mew": 0, "ls": "none"} if sparse else {"lw": 0.8}
+        line = _line(case, column) | shown
+        ax.plot(*downsampled(days[rows], np.asarray(values)[rows]), label=_NAMES.get(column, column), **line)
         if column == "heating" and not np.nanmax(values, initial=0.0) > 1.0:
             label = "heating (0 to 1)"
     ax.set(ylabel=label)
