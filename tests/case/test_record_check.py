@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from benchmarks.stress.fuzz import plain_record, write_case
 from refusals import refuses
@@ -46,6 +47,25 @@ BROKEN = without(range(60, 70))
 
 
 # ------------------------------------------------------------------------------------------------ check
+
+
+def test_check_says_which_instrument_stopped():
+    """A sensor and a plate alike: one without a reading, one that stops on the third day of ten."""
+    hours = np.arange(240)
+    frame = pd.DataFrame({"in": 20 + np.sin(hours / 4), "out": 5 + 4 * np.sin(hours / 4), "T": 12.0, "q1": 30.0})
+    frame["q2"] = 30.0
+    frame.index = pd.date_range("2024-01-05", periods=240, freq="h")
+    frame.iloc[72:, [2, 3]] = np.nan
+    frame.iloc[1:, 4] = np.nan
+    case = wallid.Case.from_dataframe(
+        frame, left="in", right="out", length=0.4, diffusivity_prior=5e-7, sensors={"T": 0.2}, noise_std=0.1,
+        regressors={"flux_left": "q1", "flux_right": "q2"},
+    )  # fmt: skip
+    notes = str(check(case))
+    assert "T has its last reading at 2024-01-07T23:00:00" in notes
+    assert "flux_left has its last reading at 2024-01-07T23:00:00" in notes
+    assert "flux_right has readings in 1 of 240 rows" in notes
+    assert "T has no reading" not in notes
 
 
 def test_check_tells_counts_and_draws(command, house, tmp_path):

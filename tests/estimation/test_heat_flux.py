@@ -235,17 +235,31 @@ def test_missing_fluxes_are_left_out_of_the_course():
     assert_allclose(resistance_over_time(faces, flux), [np.nan, 0.5, 0.5, 1.0])
 
 
+@pytest.mark.parametrize("every", [1, 6], ids=["all rows", "every sixth row has a flux"])
 @pytest.mark.parametrize("face", ["left", "right"])
-def test_the_stored_heat_is_taken_out(face):
+def test_the_stored_heat_is_taken_out(face, every):
     """Faces that warm by 1 K a day: each plate is off by what is stored, and the correction takes most of it out."""
     rows, per_day = 20 * 96, 96
     warm = np.arange(3 * rows)[:, None] / per_day
     faces = np.array([20.0, 5.0]) + warm
     j = CONDUCTIVITY / LENGTH * fluxes(faces, 900.0, DIFFUSIVITY / LENGTH**2)
     side = ("left", "right").index(face)
-    found = average_method(faces[-rows:], j[-rows:, side], 900.0, face, C)
+    flux = np.where(np.arange(rows) % every == 0, j[-rows:, side], np.nan)
+    found = average_method(faces[-rows:], flux, 900.0, face, C)
     # the change from the first day's mean to the last's is 19 of 20 days'
     assert abs(found.corrected_resistance / R - 1) < 0.1 * abs(found.resistance / R - 1)
+
+
+def test_a_plate_that_reads_every_fourth_row():
+    """The noise of the faces at a reading is that of its own rows, not of the mean between two readings."""
+    case = case_of(noise_model="stated")
+    sparse = {name: np.where(np.arange(ROWS) % 4 == 0, flux, np.nan) for name, flux in case.record.regressors.items()}
+    fit = wallid.estimate(replace(case, record=replace(case.record, regressors=sparse)))
+    near(fit.thermal.resistance, R)
+    near(fit.thermal.areal_heat_capacity, C)
+    assert fit.thermal.average_methods[0].corrected_resistance == pytest.approx(R, rel=0.1)
+    every = wallid.estimate(case)
+    assert 0.5 < fit.reduced_chi_square / every.reduced_chi_square < 1.5
 
 
 def test_sensors_and_plates_together():

@@ -293,7 +293,8 @@ def test_readings_far_apart_are_thinned_and_not_taken_for_means():
     """A reading every 120 rows: the sensor's noise is that of one reading, the faces' that of 120."""
     present = np.zeros((2881, 2), bool)
     present[::120] = True
-    bins, apart = bin_readings(present, np.zeros((2881, 2)))
+    assert bin_readings(present, np.zeros((2881, 2)), plates=True)[1] == 1, "a flux answers to the rows before it"
+    bins, apart = bin_readings(present, np.zeros((2881, 2)), plates=False)
     assert apart == 120 and bins.rows_per_bin == 120
     response = np.full((2, 2881, 2), 1e-3)
     thin, few, errors = restricted_to_reading_rows(response, bins, apart, np.zeros((2, 24)))

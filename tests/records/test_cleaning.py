@@ -393,7 +393,7 @@ def test_a_plates_readings_are_not_made_more(read):
     columns = {**COLUMNS, "regressors": {"flux_left": "q", "air_outdoor": "air"}}
     frame = table().assign(q=lambda rows: 30 + rows["T_left"], air=lambda rows: rows["T_right"])
     frame.loc[[50, 51], ["q", "air"]] = np.nan
-    record = read(text(frame.drop(index=[10])), columns)
+    record = read(text(frame.drop(index=[10])), columns)  # a missing row, so that the readings are put on a new grid
     known = np.setdiff1d(np.arange(ROWS), [10, 50, 51])
     assert np.isnan(record.regressors["flux_left"][[10, 50, 51]]).all()
     np.testing.assert_array_equal(record.regressors["flux_left"][known], frame["q"][known])

@@ -9,6 +9,7 @@ import numpy as np
 
 from .._internal.errors import InputError
 from .._internal.result_object import ResultObject
+from ..records.reading_pipeline import PLATES
 from ..records.uniform_record import Record
 from .case_definition import Case
 from .mixups import doubtful_places, visible_mixups
@@ -84,17 +85,18 @@ def _has_readings(record: Record, rows: int) -> bool:
 
 def _notes(case: Case) -> list[str]:
     record, notes = case.record, []
-    present = np.isfinite(record.sensors)
-    for index, sensor in enumerate(case.sensors):
-        rows = np.flatnonzero(present[:, index])
+    readings = dict(zip(record.names, record.sensors.T, strict=True))
+    readings |= {key: flux for key, flux in record.regressors.items() if key in PLATES}
+    for name, values in readings.items():
+        rows = np.flatnonzero(np.isfinite(values))
         if not len(rows):
-            notes.append(f"{sensor.name} has no reading in any row: it is not used")
+            notes.append(f"{name} has no reading in any row: it is not used")
             continue
         if record.rows - rows[-1] > 2 * np.median(np.diff(rows, prepend=0)) + _EARLY_END * record.rows:
-            notes.append(f"{sensor.name} has its last reading at {_time_text(record, int(rows[-1]))}")
+            notes.append(f"{name} has its last reading at {_time_text(record, int(rows[-1]))}")
         spacing = np.median(np.diff(rows)) if len(rows) > 1 else 1.0
         if len(rows) * spacing < _FEW_READINGS * record.rows:
-            notes.append(f"{sensor.name} has readings in {len(rows)} of {record.rows} rows")
+            notes.append(f"{name} has readings in {len(rows)} of {record.rows} rows")
     notes += [mixup.words for mixup in visible_mixups(case)] + doubtful_places(case)
     for column, times in record.cleaning.masked.items():
         if len(times) > _MANY_MASKED * record.rows:

@@ -307,7 +307,7 @@ def diagnosis_problem(case: Case) -> DiagnosisProblem:
         sensors=tuple(sensor.name for sensor in case.sensors),
         substeps=max(1, int(np.ceil(record.step / MAX_SUBSTEP))),
     )
-    bins, spacing = bin_readings(present, np.where(present, readings, 0.0))
+    bins, spacing = bin_readings(present, np.where(present, readings, 0.0), plates=bool(fluxes_of(case)))
     entries = tuple(EffectParameters(effect, effect.parameter_names(model.sensors)) for effect in effects)
     testable = tuple(one for one in entries if logged.issuperset(one.effect.required_regressors()))
     parameters = _parameters(stated if has_pattern else case, window, search_range, entries)

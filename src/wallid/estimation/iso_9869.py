@@ -203,7 +203,7 @@ def _resistance(
         change = faces[-per_day:].mean(axis=0) - faces[:per_day].mean(axis=0)
         near, far = change if face == "left" else change[::-1]
         # a positive flux enters the wall through the left face and leaves it through the right face
-        stored = (capacity / 3.0 * near + capacity / 6.0 * far) / step
+        stored = (capacity / 3.0 * near + capacity / 6.0 * far) / step * present.mean()  # as many rows as have a flux
         heat -= stored if face == "left" else -stored
     return drop / heat if abs(heat) > _SMALLEST_MEAN * max(1.0, float(np.abs(flux[present]).sum())) else None
 

@@ -132,7 +132,9 @@ class _IteratedGLS:
         self.integrator: Integrator = integrator
         self.data = replace(data, offsets=())  # `offsets` is static and unused here: without it, fewer compilations
         self.parameters = window_parameters(case, window, kinds)
-        self.bins, self.spacing = bin_readings(np.asarray(data.weight) > 0, np.asarray(data.observed))
+        self.bins, self.spacing = bin_readings(
+            np.asarray(data.weight) > 0, np.asarray(data.observed), plates=bool(fluxes_of(case))
+        )
         self.readings = self.bins.nonempty
         self.conductivity = initial_conductivity(case, window) if LOG_CONDUCTIVITY in self.parameters else 0.0
         self.bounds = distinguishable_range(case, window)

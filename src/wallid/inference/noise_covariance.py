@@ -90,18 +90,22 @@ class BinnedReadings(eqx.Module):
         return padded.reshape(-1, self.rows_per_bin, values.shape[1]).sum(axis=1)
 
 
-def bin_readings(present: np.ndarray, observed: np.ndarray) -> tuple[BinnedReadings, int]:
+def bin_readings(present: np.ndarray, observed: np.ndarray, *, plates: bool) -> tuple[BinnedReadings, int]:
     """The readings in bins, few enough for a dense covariance, and the spacing of the readings in rows.
+
+    A slow temperature answers to the faces' means between its readings, so a record without plates may be thinned to
+    the rows with readings. A flux answers mostly to the face in its own row.
 
     Args:
         present: whether there is a reading, `(time, sensor)`.
         observed: the readings, degC (W/m2 for a flux), `(time, sensor)`.
+        plates: whether fluxes are among the readings.
 
     Returns:
-        the bins; and the greatest common divisor of the distances between rows with readings.
+        the bins; and the greatest common divisor of the distances between rows with readings, 1 with plates.
     """
     rows = np.flatnonzero(present.any(axis=1))
-    spacing = math.gcd(*np.diff(rows).tolist()) if len(rows) > 1 else 1
+    spacing = math.gcd(*np.diff(rows).tolist()) if len(rows) > 1 and not plates else 1
     factor = math.ceil(present.size / spacing / MAX_READINGS)
     return BinnedReadings(on_device(observed), on_device(present.astype(float)), spacing * max(1, factor)), spacing
 

@@ -54,8 +54,8 @@ def measured_flux(case: Case, fit: Estimate, plate: int, *, ax: Axes | None = No
     axis, predicted = TimeAxis(case.record.start), fit.predicted[:, fit.sensor_count + plate]
     days = axis.at(case.record.days[fit.window.as_slice])
     present = np.isfinite(fit.residual[:, fit.sensor_count + plate])
-    half = np.where(present, flux_interval(case, fit, plate), np.nan)
-    interval_band(ax, days, predicted, half, GREY, 0.25, "95 % of a reading")
+    half = flux_interval(case, fit, plate)
+    interval_band(ax, days[present], predicted[present], half[present], GREY, 0.25, "95 % of a reading")
     readings = case.record.regressors[f"flux_{face}"][fit.window.as_slice]
     # a thin dark line on wide bright dots, so that both are visible where they agree
     ax.plot(*downsampled(days, readings), "o", ms=3.5, mew=0, color=ORANGE, label="measured")

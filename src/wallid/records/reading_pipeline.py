@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _AIR = ("air_outdoor", "air_indoor")
-_PLATES = ("flux_left", "flux_right")  # their columns are readings, as those of the sensors are
+PLATES = ("flux_left", "flux_right")
+"""The regressors whose columns are readings of the wall, as those of the sensors are."""
 _PLAIN_CSV = (",", ".", "utf-8", 1, 0)
 _SEPARATOR_NAMES = {"\t": "tab", ";": "semicolon", ",": "comma", "|": "bar"}
 _DECIMAL_NAMES = {".": "point", ",": "comma"}
@@ -151,18 +152,18 @@ def _resample(
             f"{rows.location.file}: {count} rows of {grid.step:g} s have both faces; at least {MIN_ROWS} are needed"
         )
     steps = list(steps)
-    plates = [regressors[key] for key in _PLATES if key in regressors]
+    plates = [regressors[key] for key in PLATES if key in regressors]
     if not grid.as_read:
-        for name in (*faces, *sensors, *plates):
+        for name in dict.fromkeys((*faces, *sensors, *plates)):
             steps += _assignment_steps(name, readings[name])
     read = {}
-    for name in (*sensors, *plates):
+    for name in dict.fromkeys((*sensors, *plates)):
         read[name], reading_steps = _readings_on_grid(grid, rows, name, readings[name], longest_gap)
         steps += reading_steps
     others = {
         key: _regressor_on_grid(grid, readings[name], longest_gap)
         for key, name in regressors.items()
-        if key not in _PLATES
+        if key not in PLATES
     }
     if count < len(grid.seconds):
         steps.append(CleaningStep("", "trimmed", len(grid.seconds) - count))
@@ -176,7 +177,7 @@ def _resample(
         zone=rows.times.zone,
         faces=np.stack([face.values[part] for face in filled], axis=1),
         sensors=np.array([read[name][part] for name in sensors]).reshape(len(sensors), count).T,
-        regressors={key: (read[name] if key in _PLATES else others[key])[part] for key, name in regressors.items()},
+        regressors={key: (read[name] if key in PLATES else others[key])[part] for key, name in regressors.items()},
         fill_std=std if std.any() else None,
         cleaning=CleaningLog(
             _format_in_words(table, file_format),

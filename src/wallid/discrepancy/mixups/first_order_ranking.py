@@ -82,15 +82,15 @@ class RankedCorrections:
         return self.problem.binned(np.nan_to_num(readings - predicted))
 
     def ranked(self, corrections: Sequence[Correction]) -> list[Ranked]:
-        """`-2 log L` of corrected readings less their number, each at the best of the diffusivities."""
+        """`-2 log L` of corrected readings less the number of their means, each at the best of the diffusivities."""
         readings = [self.problem.readings_of(one.record) for one in corrections]
         pairs = zip(corrections, readings, strict=True)
         residuals = np.stack([self._residuals(one.record, own) for one, own in pairs], axis=1)
         whitened = residuals @ self.noise.whitening.T  # (point, correction, reading)
         deviances = np.sum(whitened**2, axis=2) - np.sum((whitened @ self._bases) ** 2, axis=2)
-        counts = np.array([np.isfinite(own).sum() for own in readings]) / self.problem.bins.rows_per_bin
+        counts = [np.count_nonzero(self.problem.binned(np.isfinite(own).astype(float))) for own in readings]
         best = np.argmin(deviances, axis=0)
-        lowest = deviances.min(axis=0) - counts
+        lowest = deviances.min(axis=0) - np.array(counts)
         return [
             Ranked(correction, float(deviance), self.starts[point])
             for correction, deviance, point in zip(corrections, lowest, best, strict=True)

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...inference.noise_covariance import bin_readings
+from ...models.flux_plates import fluxes_of
 from ..effect_fit import EffectFit, refit
 from ..model_with_effects import predict
 from ..problem import DiagnosisProblem, EffectParameters
@@ -71,5 +72,5 @@ def _with_readings_of(candidate: CandidateRecord, fit: EffectFit) -> DiagnosisPr
     linear = problem.is_linear(fit.active)
     predicted = np.asarray(predict(problem.model, candidate.next_parameters(fit), linear))
     present = np.isfinite(problem.readings)
-    bins, _ = bin_readings(present, np.where(present, predicted, 0.0))
+    bins, _ = bin_readings(present, np.where(present, predicted, 0.0), plates=bool(fluxes_of(problem.case)))
     return replace(problem, readings=np.where(present, predicted, np.nan), bins=bins)
