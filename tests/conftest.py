@@ -45,7 +45,8 @@ import pytest  # noqa: E402
 hypothesis.settings.register_profile("wallid", deadline=None, derandomize=True, print_blob=True)
 hypothesis.settings.load_profile("wallid")
 
-FIRST = {"test_demo", "test_diagnosis", "test_notebooks", "test_commands", "test_plates"}  # a minute and more each
+# the files with the longest tests, the slow ones included
+FIRST = {"test_demo", "test_diagnosis", "test_notebooks", "test_commands", "test_plates", "test_heat_flux"}
 
 DATA = Path(os.environ.get("WALLID_DATA", Path(__file__).parents[2] / "shared" / "data"))
 

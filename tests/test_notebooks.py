@@ -11,7 +11,7 @@ from tests.conftest import DATA
 
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
 MEASURED = "06_measured_data"
-IN_THE_SUITE = "00_first_lesson"  # the others are slow
+NOT_SLOW = "00_first_lesson"
 OPTIMISED = {"05_missing_effect"}  # more running than compiling, as in the tests marked `runs_long`
 
 
@@ -58,7 +58,7 @@ def test_it_is_a_lesson_without_outputs(path):
 
 @pytest.mark.parametrize(
     "path",
-    [pytest.param(path, marks=() if path.stem == IN_THE_SUITE else pytest.mark.slow) for path in NOTEBOOKS],
+    [pytest.param(path, marks=() if path.stem == NOT_SLOW else pytest.mark.slow) for path in NOTEBOOKS],
     ids=lambda path: path.stem,
 )
 def test_it_runs_and_its_key_numbers_hold(path, tmp_path, monkeypatch):

@@ -50,7 +50,7 @@ BROKEN = without(range(60, 70))
 
 
 def test_check_says_which_instrument_stopped():
-    """A sensor and a plate alike: one without a reading, one that stops on the third day of ten."""
+    """A sensor and a plate that stop after the third day of ten, and a plate with one reading."""
     hours = np.arange(240)
     frame = pd.DataFrame({"in": 20 + np.sin(hours / 4), "out": 5 + 4 * np.sin(hours / 4), "T": 12.0, "q1": 30.0})
     frame["q2"] = 30.0

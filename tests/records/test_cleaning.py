@@ -401,7 +401,7 @@ def test_a_plates_readings_are_not_made_more(read):
 
 
 def test_a_slower_plate_keeps_its_readings(read):
-    """Hourly fluxes five minutes past rows of ten, and what was done to them is in the list."""
+    """Hourly fluxes, in the column T1, four minutes past rows of ten; what was done to them is in the list."""
     columns = {**COLUMNS, "sensors": [], "regressors": {"flux_right": "T1"}}
     faces = [f"{t},{10 + np.sin(t / 14_000)},{20 - np.sin(t / 14_000)},," for t in (600 * np.arange(600)).tolist()]
     fluxes = [f"{t},,,{12 + 1e-4 * t}," for t in (240 + 3600 * np.arange(99)).tolist()]

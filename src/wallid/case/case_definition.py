@@ -14,6 +14,7 @@ from .._internal.html import Row, html_table
 from .._internal.result_object import ResultObject, plain_value
 from .._internal.validation import error_context, number, number_tuple, set_fields, spelling_hint
 from ..records.dataframe_table import with_time_column
+from ..records.reading_pipeline import PLATES
 from ..records.uniform_record import Record
 from .case_tables import RECORD_OPTIONS, parse_choices, parse_record, parse_sensors, parse_wall, sensor_tables
 from .options import Choices, check_choices
@@ -110,7 +111,7 @@ class Case(ResultObject):
         if self.record.names != names:
             in_record, in_case = (", ".join(group) or "none" for group in (self.record.names, names))
             raise InputError(f"the record's sensors are {in_record}; they must be the case's, {in_case}")
-        if not self.sensors and not {"flux_left", "flux_right"} & set(self.record.regressors):
+        if not self.sensors and not self.record.regressors.keys() & set(PLATES):
             raise InputError("no [[sensor]] and no flux; at least one sensor, flux_left or flux_right is needed")
         with error_context("[choices]"):
             check_choices(self.choices, self.record)

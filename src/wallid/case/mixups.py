@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from .._internal.units import DAY
+from ..records.reading_pipeline import PLATES
 from .case_definition import Case
 from .wall_and_sensors import SIDES
 
@@ -101,7 +102,7 @@ def _flux_signs(case: Case) -> Iterator[Mixup]:
     """Fluxes that run from the cold to the warm face: positive is along +x, from left to right."""
     record = case.record
     difference = daily_means(case, record.faces[:, 0] - record.faces[:, 1])
-    for key in ("flux_left", "flux_right"):
+    for key in PLATES:
         if key not in record.regressors:
             continue
         flux = daily_means(case, record.regressors[key])

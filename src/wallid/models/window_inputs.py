@@ -18,6 +18,7 @@ from ..case.initial_profile import dimensionless_profile, fit_profile, profile_d
 from ..case.scaling import Scales
 from ..case.time_window import MIN_FACE_RANGE, Window, check_unbroken, entire_record
 from ..case.wall_and_sensors import SIDES, Wall
+from ..records.reading_pipeline import PLATES
 from .finite_volume_wall import HeatProfile, Output, finite_volume_model
 from .section.section_state_space import section_modes
 from .state_space import StateSpace
@@ -100,7 +101,7 @@ def window_data(case: Case, window: Window | None = None, *, weighted: bool = Tr
     profile = fit_profile(case, window.row)
     offset_std = np.array([sensor.offset_std for sensor in case.sensors])
     present = np.isfinite(part.sensors)
-    if not present.any() and not (part.regressors.keys() & {"flux_left", "flux_right"}):
+    if not present.any() and not (part.regressors.keys() & set(PLATES)):
         raise InputError(
             f"{case.record.file}: no inner sensor has a reading from {part.stamp(0)} on, over {window.rows} rows; "
             "take another window"

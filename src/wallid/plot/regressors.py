@@ -9,13 +9,14 @@ from matplotlib.axes import Axes
 
 from ..case.case_definition import Case
 from ..case.wall_and_sensors import SIDES
+from ..records.reading_pipeline import PLATES
 from .house_style import FACE_COLOURS, ORANGE, PURPLE, SKY, axes_or_new
 from .legends import legend_above
 from .logged_record import downsampled, is_sparse
 from .time_axis import TimeAxis
 
 _COLUMNS = {
-    "flux": ("flux_left", "flux_right"),
+    "flux": PLATES,
     "irradiance": ("irradiance",),
     "air": ("air_outdoor", "air_indoor"),
     "wind": ("wind",),

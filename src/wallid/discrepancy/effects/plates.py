@@ -12,6 +12,7 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from ...case.wall_and_sensors import Side
+from ...records.reading_pipeline import PLATES
 from .base import Parameter, lower_bounded, parameter_field
 from .equation_terms import ForcingData, Terms
 from .faces import OneFace
@@ -37,7 +38,7 @@ class PlateGain(OnePlate):
 
     name: ClassVar[str] = "plate_gain"
     parameters: ClassVar = (Parameter("gain", "", 0.1, smallest_reported=0.02, lower=-0.9),)
-    needs: ClassVar[tuple[str, ...]] = ("flux_left", "flux_right")
+    needs: ClassVar[tuple[str, ...]] = PLATES
     side: Side = eqx.field(static=True, default="left")
     gain: Float[Array, ""] = parameter_field()
 
