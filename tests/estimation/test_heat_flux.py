@@ -201,7 +201,7 @@ def test_each_stopping_rule_stops():
     assert drift.day_before and not drift.two_thirds
     # INT(2 * 6 / 3) = 4 days from each end
     assert drift.first_to_last == pytest.approx((1 + 0.03 * (4 - 3)) / (1 + 0.03 * (2 - 3)) - 1, abs=0.002)
-    assert drift.unmet_rules == ("R of the first and of the last 4 days differ by 6.2 % (limit: 5 %)",)
+    assert drift.unmet_rules == ("R of the first and of the last 4 days differ by 6.19 % (limit: 5 %)",)
     assert drift.resistances_of_parts[0] / drift.resistances_of_parts[1] == pytest.approx(1 + drift.first_to_last)
     short = average_method(faces[:150], np.full(150, 30.0), 900.0, "left")
     assert [text.split(" (")[0] for text in short.unmet_rules] == [

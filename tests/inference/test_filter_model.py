@@ -24,8 +24,11 @@ from wallid.records.face_variation import FaceErrors
 LENGTH, DIFFUSIVITY, STEP, ROWS = 0.3, 5e-7, 1800.0, 60
 
 
-def fitted(monkeypatch):
-    """A fit of two sensors with offsets and missing readings, the faces known between their rows."""
+def fitted(monkeypatch, every=1, face_std=0.02):
+    """A fit of two sensors with offsets and missing readings, the faces known between their rows.
+
+    `every`: rows from reading to reading.
+    """
     monkeypatch.setattr(wallid.Record, "face_errors", FaceErrors.none())
     rng = np.random.default_rng(4)
     faces = weather(4 * ROWS, STEP, rng, hours=(8.0, 2.0))
@@ -33,15 +36,16 @@ def fitted(monkeypatch):
     inside = temperatures(fine, STEP / 10, np.array([0.3, 0.7]), DIFFUSIVITY / LENGTH**2)[::10][-ROWS:]
     inside = inside + 0.05 * rng.standard_normal(inside.shape)
     inside[rng.random(inside.shape) < 0.2] = np.nan
+    inside[np.arange(ROWS) % every != 0] = np.nan
     time = STEP * np.arange(ROWS)
     record = wallid.Record(
         time,
         time,
         None,
-        faces[-ROWS:] + 0.02 * rng.standard_normal((ROWS, 2)),
+        faces[-ROWS:] + face_std * rng.standard_normal((ROWS, 2)),
         inside,
         ("A", "B"),
-        boundary_noise_std=0.02,
+        boundary_noise_std=face_std,
     )
     sensors = tuple(
         wallid.Sensor(name, LENGTH * x, noise_std=0.05, offset_std=0.1) for name, x in (("A", 0.3), ("B", 0.7))
@@ -75,7 +79,11 @@ def test_the_filter_has_the_likelihood_of_the_dense_covariance(monkeypatch, smoo
     fit = replace(fit, noise=noise, disturbance=disturbance)
     one = filter_model(case, fit)
     filtered = one.filtered()
-    # dense: the parameters' priors as covariance and mean
+    assert float(filtered.log_likelihood) == pytest.approx(of_dense(fit, one, noise.covariance), rel=1e-8)
+
+
+def of_dense(fit, one, covariance):
+    """The log-likelihood by a dense covariance of all rows, the parameters' priors as covariance and mean."""
     J = np.asarray(predicted_jacobian(fit.problem, fit.minimum.vector))[:, :, fit.estimated_indices]
     J = J.transpose(1, 0, 2).reshape(-1, J.shape[2])
     prior = np.ones(J.shape[1])
@@ -83,10 +91,32 @@ def test_the_filter_has_the_likelihood_of_the_dense_covariance(monkeypatch, smoo
     z = fit.z.copy()
     z[0] = 0.0
     kept = one.present.T.reshape(-1)
-    cov = noise.covariance + (J * prior**2) @ J.T
+    covariance = covariance + (J * prior**2) @ J.T
     residual = one.readings.T.reshape(-1) + J @ z
-    dense = multivariate_normal.logpdf(residual[kept], cov=cov[np.ix_(kept, kept)])
-    assert float(filtered.log_likelihood) == pytest.approx(dense, rel=1e-8)
+    return multivariate_normal.logpdf(residual[kept], cov=covariance[np.ix_(kept, kept)])
+
+
+def test_noise_remembers_the_hours_between_slow_readings(monkeypatch):
+    """The correlation from reading to reading is 0.6 where sensors are read in every fourth row."""
+    case, fit = fitted(monkeypatch, every=4, face_std=0.0)
+    assert fit.noise_shape.rows_per_bin == 1 and fit.problem.bins.rows_per_bin == 4
+    fit = replace(fit, noise=fit.noise_shape.covariance_of(0.8, 0.7, 0.6))
+    one = filter_model(case, fit)
+    between = 0.6 ** (np.abs(np.subtract.outer(np.arange(ROWS), np.arange(ROWS))) / 4.0)
+    covariance = 0.05**2 * (0.8 * np.eye(2 * ROWS) + 0.7 * np.kron(np.eye(2), between))
+    assert float(one.filtered().log_likelihood) == pytest.approx(of_dense(fit, one, covariance), rel=1e-8)
+
+
+@pytest.mark.parametrize("autocorrelated", [0.0, 0.7])
+def test_the_filter_follows_the_thinned_covariance(monkeypatch, autocorrelated):
+    """Slow readings beside faces with noise: thinned, their noise enters as that of its mean between two readings."""
+    case, fit = fitted(monkeypatch, every=4, face_std=0.1)
+    noise = fit.noise_shape.covariance_of(0.8, autocorrelated, 0.6)
+    one = filter_model(case, replace(fit, noise=noise))
+    covariance = np.zeros((2, ROWS, 2, ROWS))
+    covariance[:, ::4, :, ::4] = noise.covariance.reshape(2, ROWS // 4, 2, ROWS // 4)
+    dense = of_dense(fit, one, covariance.reshape(2 * ROWS, 2 * ROWS))
+    assert float(one.filtered().log_likelihood) == pytest.approx(dense, abs=0.5)
 
 
 def test_the_smoothed_heat_is_the_conditional_mean(monkeypatch):

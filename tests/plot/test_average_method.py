@@ -92,7 +92,7 @@ def test_the_band_is_five_percent_about_the_result(ax):
             ROWS,
             [
                 "Stopping rules of ISO 9869-1 that are not met:",
-                "R of the first and of the last 4 days differ by 6.2 % (limit: 5 %)",
+                "R of the first and of the last 4 days differ by 6.19 % (limit: 5 %)",
             ],
         ),
         (

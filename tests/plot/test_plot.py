@@ -14,6 +14,7 @@ from axes import check_complete
 from legend_overlap import lines_in_legend
 from matplotlib.colors import to_rgb
 from matplotlib.dates import date2num
+from own_case import write_own
 
 import wallid
 from wallid import plot
@@ -316,6 +317,18 @@ def test_the_wall_says_what_each_layer_is_made_of(ax, case):
         thin += not inside
         begin += layer.thickness
     assert thin == 2
+
+
+def test_a_masked_reading_of_a_plate_is_seen(ax, tmp_path):
+    """The file's column has another name than the case's key."""
+    heat = np.round(np.sin(np.arange(240) / 5.0), 3).astype(object)
+    heat[30] = "door open"
+    right = 'right = "right"'
+    case = wallid.load(write_own(tmp_path, columns={"q_in": heat}, **{right: f'{right}\nflux_right = "q_in"'}))
+    plot.data_availability(case, ax=ax)
+    (mark,) = [line for line in ax.lines if line.get_marker() == "|" and len(line.get_xdata())]
+    np.testing.assert_allclose(mark.get_xdata(), date2num(case.record.stamps[30]))
+    assert set(mark.get_ydata()) == {3}
 
 
 def test_single_missing_readings_are_seen(ax, case):

@@ -17,7 +17,7 @@ from ..inference.disturbance_covariance import DisturbedReadings, disturbed_read
 from ..inference.disturbance_search import Disturbance, RestrictedLikelihood, find_disturbance, search_bins
 from ..inference.filter_model import FittedReadings, filter_model_of
 from ..inference.noise_covariance import BinnedReadings
-from ..models.flux_plates import with_filtered_faces, with_flux
+from ..models.flux_plates import face_noise_of_model, with_filtered_faces, with_flux
 from ..models.window_inputs import window_data
 from .effect_fit import EffectFit, refit
 from .model_with_effects import linearise
@@ -104,8 +104,12 @@ class UnexplainedHeat:
         count, instruments = rows.observed.shape
         prior_std = np.ones(len(self._unit))
         prior_std[0] = _WIDE
+        face_std, face_errors = face_noise_of_model(problem.case)
         fitted = FittedReadings(
-            shape=problem.noise_shape(parameters),
+            sensor_std=problem.noise_stds,
+            face_std=face_std,
+            face_errors=face_errors.autocovariance,
+            spacing=problem.spacing,
             white=self.disturbance.noise_size,
             autocorrelated=0.0,
             correlation=0.0,

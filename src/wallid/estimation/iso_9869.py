@@ -85,14 +85,14 @@ class AverageMethod(ResultObject):
             unmet.append(
                 "R at the end cannot be compared with R a day before (two whole days are required)"
                 if self.change_of_a_day is None
-                else f"R changed by {100 * self.change_of_a_day:.1f} % in the last day ({limit})"
+                else f"R changed by {100 * self.change_of_a_day:.3g} % in the last day ({limit})"
             )
         if not self.two_thirds:
             unmet.append(
                 "R of the first and of the last two thirds cannot be compared (two whole days are required)"
                 if self.first_to_last is None
                 else f"R of the first and of the last {_days_text(self.part_days)} differ by "
-                f"{100 * self.first_to_last:.1f} % ({limit})"
+                f"{100 * self.first_to_last:.3g} % ({limit})"
             )
         return tuple(unmet)
 

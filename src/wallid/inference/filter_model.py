@@ -8,8 +8,7 @@ The readings minus the fit's prediction are, in the states of the model,
 autocorrelated part of the noise of the faces, which goes through the wall with straight lines between rows. `b` is the
 autocorrelated noise of the sensors, `v` their white noise. `beta` are the deviations of the estimated parameters from
 the fit, constant, with their priors; offsets, calibrations and the initial profile are among them. So is the mean of
-the disturbance. `c` are K or W/m2
-for one unit of the model's outputs.
+the disturbance. `c` are K or W/m2 for one unit of the model's outputs.
 
 Between its rows a face is in error by a process with a known autocovariance (`records.face_variation`). In the filter
 it is an autoregression of second order with the same variance and the same first two lags.
@@ -27,12 +26,12 @@ import scipy
 from .._internal.arrays import on_device
 from ..case.case_definition import Case
 from ..models.disturbance import GaussianStep, MaternProcess, gaussian_step
+from ..models.flux_plates import face_noise_of_model
 from .disturbance_covariance import HEAT_PROFILES, DisturbedReadings, disturbed_readings
 from .disturbance_search import Disturbance
 from .gls_fit import GLSFit
 from .kalman_filter import Filtered, LinearGaussianModel, Smoothed, covariance_root, kalman_filter, kalman_smoother
 from .likelihood import LOG_CONDUCTIVITY, predicted_jacobian
-from .noise_covariance import NoiseShape
 from .nuisance_kinds import ContactResistances, WallParameters, contact_lengths
 
 _UNKNOWN_STD = 3.0  # of ln(alpha), which has no prior
@@ -90,8 +89,10 @@ class FittedReadings:
     """What the filter's model is made of: the readings of a fit, its noise, its disturbance and its parameters.
 
     Args:
-        shape: standard deviations of the readings' noise and the errors of the faces.
-        white, autocorrelated, correlation: of the noise, as in `NoiseCovariance`.
+        sensor_std, face_std: stated standard deviations of the noise of readings and faces.
+        face_errors: autocovariance of what each face does between its rows, K2, `(face, lag)`.
+        spacing: in rows, from one row with readings to the next.
+        white, autocorrelated, correlation: of the noise at the rows with readings, as in `NoiseCovariance`.
         disturbance: found in the readings; or None.
         residual: measured minus predicted, K or W/m2, `(time, output)`.
         present: where there is a reading.
@@ -100,7 +101,10 @@ class FittedReadings:
         deviation: the parameters' estimates minus the means of their priors, over `unit`.
     """
 
-    shape: NoiseShape
+    sensor_std: np.ndarray
+    face_std: float
+    face_errors: np.ndarray
+    spacing: int
     white: float
     autocorrelated: float
     correlation: float
@@ -119,7 +123,7 @@ def filter_model(case: Case, fit: GLSFit) -> FilterModel:
         case: of the fit.
         fit: its noise, the errors of the faces, its disturbance and the priors of its parameters are the model's.
     """
-    return filter_model_of(fitted_readings(fit), readings_at(case, fit))
+    return filter_model_of(fitted_readings(case, fit), readings_at(case, fit))
 
 
 def alternative_filter_models(case: Case, fit: GLSFit) -> list[tuple[float, FilterModel]]:
@@ -130,21 +134,24 @@ def alternative_filter_models(case: Case, fit: GLSFit) -> list[tuple[float, Filt
     """
     if fit.disturbance is None:
         return [(1.0, filter_model(case, fit))]
-    fitted, readings = fitted_readings(fit), readings_at(case, fit)
+    fitted, readings = fitted_readings(case, fit), readings_at(case, fit)
     return [
         (share, filter_model_of(replace(fitted, disturbance=one, white=one.noise_size), readings))
         for share, one in fit.disturbance.alternatives
     ]
 
 
-def fitted_readings(fit: GLSFit) -> FittedReadings:
+def fitted_readings(case: Case, fit: GLSFit) -> FittedReadings:
     """The readings of a fit, with what was fitted."""
     data = fit.problem.data
     noise = fit.noise if fit.disturbance is not None else fit.robust or fit.noise  # robust noise holds the heat too
     prior_std, deviation = np.ones(len(fit.z)), fit.z.copy()
     prior_std[0], deviation[0] = _UNKNOWN_STD, 0.0
     return FittedReadings(
-        shape=fit.noise_shape,
+        sensor_std=fit.noise_shape.sensor_std,
+        face_std=fit.noise_shape.face_std,
+        face_errors=face_noise_of_model(case)[1].autocovariance,
+        spacing=fit.problem.bins.rows_per_bin // fit.noise_shape.rows_per_bin,
         white=noise.white,
         autocorrelated=noise.autocorrelated,
         correlation=noise.correlation,
@@ -164,7 +171,7 @@ def filter_model_of(fitted: FittedReadings, readings: DisturbedReadings) -> Filt
         fitted: the readings with what was fitted.
         readings: how heat changes them.
     """
-    shape, disturbance, present = fitted.shape, fitted.disturbance, fitted.present
+    disturbance, present = fitted.disturbance, fitted.present
     size = 0.0 if disturbance is None else disturbance.std * readings.unit_rate
     time_constant = readings.reference_time if disturbance is None else disturbance.time_constant
     smoothness = "matern-1/2" if disturbance is None else disturbance.smoothness
@@ -173,12 +180,15 @@ def filter_model_of(fitted: FittedReadings, readings: DisturbedReadings) -> Filt
     wall = gaussian_step(readings.slow, readings.fourier, readings.step, process, column, cubic=False)
     states = _States(wall, readings)
     states.add_wall()
-    states.add_face_noise(shape.face_std * math.sqrt(fitted.white), [])
+    states.add_face_noise(fitted.face_std * math.sqrt(fitted.white), [])
     if fitted.autocorrelated > 0:
         total = math.sqrt(fitted.autocorrelated)
-        states.add_face_noise(shape.face_std * total, [fitted.correlation])
-        states.add_sensor_noise(shape.sensor_std * total, fitted.correlation)
-    for side, autocovariance in enumerate(shape.face_errors):
+        by_row, rows = fitted.correlation ** (1.0 / fitted.spacing), np.arange(fitted.spacing)
+        # the mean of a face's noise over `spacing` rows has its variance over `spacing`, as in the dense covariance
+        of_mean = float((by_row ** np.abs(rows[:, None] - rows)).mean())
+        states.add_face_noise(fitted.face_std * total / math.sqrt(fitted.spacing * of_mean), [by_row])
+        states.add_sensor_noise(fitted.sensor_std * total, by_row)
+    for side, autocovariance in enumerate(fitted.face_errors):
         if autocovariance[0] > 0:
             states.add_face_noise(math.sqrt(autocovariance[0]), _second_order(autocovariance), (side,))
     columns, prior_std, mean = fitted.jacobian, fitted.prior_std, -fitted.deviation
@@ -188,14 +198,14 @@ def filter_model_of(fitted: FittedReadings, readings: DisturbedReadings) -> Filt
         prior_std, mean = np.append(1.0, prior_std), np.append(0.0, mean)
     outputs = states.add_constants(columns, prior_std)
     constant = len(states.transition) - len(prior_std)
-    white = shape.sensor_std * math.sqrt(fitted.white)
+    white = fitted.sensor_std * math.sqrt(fitted.white)
     model = LinearGaussianModel(
         transition=states.transition,
         noise_root=states.noise_root,
         initial_mean=np.concatenate([np.zeros(constant), mean]),
         initial_root=states.initial_root,
         outputs=outputs,
-        output_std=np.maximum(white, _SMALLEST_STD * shape.sensor_std),
+        output_std=np.maximum(white, _SMALLEST_STD * fitted.sensor_std),
     )
     heat = None
     if disturbance is not None:

@@ -156,7 +156,8 @@ def data_availability(case: Case, *, ax: Axes | None = None) -> Axes:
     days = axis.at(logged.days)
     std = np.zeros((logged.rows, 2)) if logged.fill_std is None else logged.fill_std
     names = ["left face", "right face", *(shortened(name) for name in (*logged.names, *logged.regressors))]
-    columns = (*logged.cleaning.faces, *logged.names, *logged.regressors)
+    columns_read = (logged.cleaning.regressors.get(key, key) for key in logged.regressors)
+    columns = (*logged.cleaning.faces, *logged.names, *columns_read)
     others = [*logged.sensors.T, *logged.regressors.values()]
     keys: list[Artist] = [Patch(color=GREY, label="readings")]
     any_filled = any_lost = False

@@ -107,6 +107,7 @@ class CleaningLog(ResultObject):
         steps: the changes of values and rows.
         breaks: where the record is split.
         faces: the columns of the left and the right face.
+        regressors: the column of each further key.
         masked: for each column the times of its masked values, s since the record's first row, sorted.
         spikes: for each column with spikes their times, s since the record's first row, and their values in the
             column's unit after conversion (degC), (spike, 2).
@@ -116,6 +117,7 @@ class CleaningLog(ResultObject):
     steps: tuple[CleaningStep, ...] = ()
     breaks: tuple[RecordBreak, ...] = ()
     faces: tuple[str, str] = ("left", "right")
+    regressors: Mapping[str, str] = field(default_factory=dict, repr=False)
     masked: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False)
     spikes: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False)
 

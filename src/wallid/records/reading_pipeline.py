@@ -184,6 +184,7 @@ def _resample(
             tuple(steps),
             _breaks(grid, faces, filled, part, rows.times.zone),
             faces,
+            dict(regressors),
             _masked_times(table, steps, float(seconds[0])),
             _spikes(table, steps, float(seconds[0])),
         ),
