@@ -43,6 +43,8 @@ SHORTEST_TIME = 1800.0
 EVIDENCE = 10.0
 """Of -2 log L: a disturbance with more evidence is taken with `disturbance = "auto"`."""
 _RARE = math.log(1.0 / 0.05)  # lambda_s is this over LARGEST_STD, lambda_t this times the root of SHORTEST_TIME
+_sytrd, _ormqr, _sygst, _pttrf, _pttrs = scipy.linalg.get_lapack_funcs(("sytrd", "ormqr", "sygst", "pttrf", "pttrs"))
+_BLOCK = 64  # columns, of LAPACK's work space
 _MAX_READINGS = 480  # means over bins in a search
 _TIMES = 7  # of the grid
 _SIZES = np.exp(np.arange(-2.1, 3.6, 0.3))  # standard deviation of the readings by the disturbance over the noise's
@@ -151,6 +153,21 @@ class _Point(NamedTuple):
     covariance: np.ndarray
 
 
+def tridiagonal(
+    matrix: Float[np.ndarray, "row row"], columns: Float[np.ndarray, "row column"]
+) -> tuple[Float[np.ndarray, " row"], Float[np.ndarray, " beside"], Float[np.ndarray, "row column"]]:
+    """Diagonal and subdiagonal of `T`, and `Q' columns`, for a symmetric `matrix = Q T Q'` with an orthogonal `Q`.
+
+    Only the lower triangle of the matrix is used. LAPACK's `Q` leaves the first row as it is. It takes a quarter of the
+    time of eigenvalues and eigenvectors.
+    """
+    reflectors, diagonal, beside, scales, _ = _sytrd(matrix, lower=1, lwork=_BLOCK * len(matrix))
+    rotated = np.array(columns, order="F")
+    below = np.asfortranarray(reflectors[1:, :-1])
+    rotated[1:], _, _ = _ormqr("L", "T", below, scales, rotated[1:], _BLOCK * columns.shape[1])
+    return diagonal, beside, rotated
+
+
 class RestrictedLikelihood:
     """The restricted likelihood of a residual for any covariance of the readings.
 
@@ -196,60 +213,55 @@ class RestrictedLikelihood:
     ) -> Callable[[float], _Point]:
         """The minimum as a function of a size, for the covariance `v (noise + size^2 unit)`.
 
-        With `noise = L L'` and `L^-1 unit L^-T = Q diag(l) Q'`, it is `L Q (1 + size^2 diag(l)) Q' L'`: one
+        With `noise = L L'` and `L^-1 unit L^-T = Q T Q'`, `T` tridiagonal, it is `L Q (1 + size^2 T) Q' L'`: one
         decomposition serves all sizes.
         """
         rows = np.ix_(self.present, self.present)
         lower = np.linalg.cholesky(noise[rows])
-        half = scipy.linalg.solve_triangular(lower, unit[rows], lower=True)
-        values, vectors = scipy.linalg.eigh(scipy.linalg.solve_triangular(lower, half.T, lower=True), driver="evd")
-        values = np.maximum(values, 0.0)
-        whitened = vectors.T @ scipy.linalg.solve_triangular(lower, self.columns, lower=True)
+        whitened_unit, _ = _sygst(unit[rows], lower, lower=1)  # its lower triangle
+        whitened_columns = scipy.linalg.solve_triangular(lower, self.columns, lower=True)
+        diagonal, beside, rotated = tridiagonal(whitened_unit, whitened_columns)
         log_det = 2.0 * float(np.sum(np.log(np.diag(lower))))
 
         def at(size: float) -> _Point:
-            variances = 1.0 + size**2 * values
-            return self._minimum(
-                whitened.T @ (whitened / variances[:, None]), log_det + float(np.sum(np.log(variances)))
-            )
+            pivots, factors, _ = _pttrf(1.0 + size**2 * diagonal, size**2 * beside)
+            whitened, _ = _pttrs(pivots, factors, rotated)
+            return self._minimum(rotated.T @ whitened, log_det + float(np.sum(np.log(pivots))))
 
         return at
 
     def _minimum(self, products: np.ndarray, log_det: float) -> _Point:
-        """The minimum over `v`, from the whitened columns' products and ln det of the covariance divided by `v`."""
-        costs = self._costs(products, _NOISE_SIZES)
-        best = int(np.clip(np.argmin(costs), 1, len(costs) - 2))
-        before, at_best, after = costs[best - 1 : best + 2]
+        """The minimum over `v`, from the whitened columns' products and ln det of the covariance divided by `v`.
+
+        With `A` the products of the Jacobian, `M' A M = diag(c)` and `M' (A + P) M = 1`, the parameters' information
+        `A / v + P` is `diag(c / v + 1 - c)` in the directions `M`, at every `v`.
+        """
+        A = products[:-1, :-1] / np.outer(self.size, self.size)
+        shares, modes = scipy.linalg.eigh(A, A + np.diag(self.precision / self.size**2))
+        shares = np.clip(shares, 0.0, 1.0)
+        by_readings, by_prior = (products[:-1, -1] / self.size) @ modes, (self.prior / self.size) @ modes
+        log_det = log_det + self.prior_cost - 2.0 * float(np.linalg.slogdet(modes)[1])
+
+        def information(noise_size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            inverse = 1.0 / noise_size[:, None]
+            return shares * inverse + (1.0 - shares), by_readings * inverse + by_prior
+
+        def costs(noise_size: np.ndarray) -> np.ndarray:
+            weights, b = information(noise_size)
+            log_size, misfit = np.log(noise_size), products[-1, -1] / noise_size - np.sum(b**2 / weights, axis=1)
+            return len(self.columns) * log_size + misfit + np.sum(np.log(weights), axis=1) + log_size**2 + log_det
+
+        grid = costs(_NOISE_SIZES)
+        best = int(np.clip(np.argmin(grid), 1, len(grid) - 2))
+        before, at_best, after = grid[best - 1 : best + 2]
         # the vertex of the parabola through three points
         bend = before - 2.0 * at_best + after
         offset = float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0)) if bend > 0 else 0.0
-        noise_size = math.exp(math.log(_NOISE_SIZES[best]) + offset * _NOISE_STEP)
-        information, b = self._normal_equations(products, np.array([noise_size]))
-        inverse = np.linalg.inv(information[0] / np.outer(self.size, self.size)) / np.outer(self.size, self.size)
-        return _Point(
-            float(self._costs(products, np.array([noise_size]))[0]) + log_det, noise_size, inverse @ b[0], inverse
-        )
-
-    def _normal_equations(self, products: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        information = products[:-1, :-1] / sizes[:, None, None] + np.diag(self.precision)
-        return information, products[:-1, -1] / sizes[:, None] + self.prior
-
-    def _costs(self, products: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-        """`-2 log L` at sizes of the noise, without ln det of the covariance over `v`."""
-        information, b = self._normal_equations(products, sizes)
-        scaled = information / np.outer(self.size, self.size)
-        b = b / self.size
-        explained = np.einsum("vp,vp->v", b, np.linalg.solve(scaled, b[:, :, None])[:, :, 0])
-        log_det = np.linalg.slogdet(scaled)[1]
-        count = len(self.columns)
-        return (
-            count * np.log(sizes)
-            + products[-1, -1] / sizes
-            + self.prior_cost
-            - explained
-            + log_det
-            + np.log(sizes) ** 2
-        )
+        noise_size = np.array([math.exp(math.log(_NOISE_SIZES[best]) + offset * _NOISE_STEP)])
+        weights, b = information(noise_size)
+        directions = modes / self.size[:, None]
+        covariance = (directions / weights) @ directions.T
+        return _Point(float(costs(noise_size)[0]), float(noise_size[0]), directions @ (b / weights)[0], covariance)
 
 
 def search_bins(bins: BinnedReadings) -> BinnedReadings:
