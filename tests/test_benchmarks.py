@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from benchmarks.accuracy import campaign_plans
 from benchmarks.reference.c_recurrence import compiled
 from benchmarks.reference.integrators import by_lsim
 from benchmarks.reference.model_reduction import response_of_rows, section_by_pymor
@@ -72,6 +73,33 @@ def test_lsim_with_theta_is_lsims_own_difference():
     near = [run(0.2 + s)[0] for s in (-1e-5, 1e-5)]
     np.testing.assert_allclose(theta, (near[1] - near[0]) / 2e-5, atol=1e-5 * np.abs(theta).max())
     assert u.shape == theta.shape == (50, 1)
+
+
+def test_the_simulated_house_is_damped_as_by_transmission_matrices():
+    """ISO 13786: films and slab as complex matrices, for a daily cycle outdoors."""
+    house = replace(campaign_plans.house(0), length=0.4, diffusivity=5e-7, films=(1.1, 0.9))
+    seconds, omega = campaign_plans.FINE * np.arange(30 * 1440), 2j * np.pi / 86400.0
+    air = np.stack([10.0 + 8.0 * np.cos(omega.imag * seconds), np.full(len(seconds), 20.0)], axis=1)
+    faces, inside, flux = campaign_plans.simulated(house, air, np.array([0.3]))
+    conductivity, (inner, outer) = 5e-7 * house.capacity, np.array([0.13, 0.04]) * house.films
+
+    def slab(share):
+        q = np.sqrt(omega / 5e-7) * 0.4 * share
+        resistance = 0.4 * share / conductivity
+        return np.array([[np.cosh(q), -resistance * np.sinh(q) / q], [-q / resistance * np.sinh(q), np.cosh(q)]])
+
+    films = [np.array([[1.0, -one], [0.0, 1.0]]) for one in (outer, inner)]
+    whole = films[1] @ slab(1.0) @ films[0]
+    at_outer = films[0] @ [1.0, -whole[0, 0] / whole[0, 1]]
+    expected = 8.0 * np.array([at_outer[0], (slab(1.0) @ at_outer)[0], (slab(0.3) @ at_outer)[0]])
+    last = slice(-5 * 1440, None)
+    found = np.column_stack([faces, inside])[last]
+    amplitude = np.exp(-omega * seconds[last]) @ found * 2 / (5 * 1440)
+    np.testing.assert_allclose(amplitude, expected, atol=5e-4)
+    into_wall = -8.0 * (slab(1.0) @ at_outer)[1]
+    assert np.exp(-omega * seconds[last]) @ flux[last] * 2 / (5 * 1440) == pytest.approx(into_wall, abs=5e-3)
+    steady = 10.0 / (0.4 / conductivity + inner + outer)
+    assert flux[last].mean() == pytest.approx(steady, rel=1e-3)
 
 
 @pytest.fixture(scope="module")

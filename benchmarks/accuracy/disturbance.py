@@ -198,6 +198,7 @@ def main() -> None:
     """Run what the log does not have yet, and print the summary."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--records", type=int, default=400, help="of each kind")
+    parser.add_argument("--first", type=int, default=0, help="number of the first: a count of another day goes on")
     parser.add_argument("--log", type=Path, default=Path("disturbance.jsonl"))
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--logged", nargs="*", default=list(DAYS))
@@ -207,7 +208,10 @@ def main() -> None:
         Kind(*one) for one in product(arguments.logged, HEATS, MEMORIES) if one[1] != "nothing" or one[2] == MEMORIES[0]
     ]
     tasks = [
-        (kind, number, option) for number in range(arguments.records) for kind in kinds for option in arguments.options
+        (kind, number, option)
+        for number in range(arguments.first, arguments.first + arguments.records)
+        for kind in kinds
+        for option in arguments.options
     ]
     done = resumed(
         arguments.log,

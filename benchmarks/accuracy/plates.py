@@ -140,11 +140,13 @@ def main() -> None:
     """Run what the log does not have yet, and print the summary."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--records", type=int, default=40, help="of each kind")
+    parser.add_argument("--first", type=int, default=0, help="number of the first: a count of another day goes on")
     parser.add_argument("--log", type=Path, default=Path("plates.jsonl"))
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--logged", nargs="*", default=list(LOGGED))
     arguments = parser.parse_args()
-    tasks = list(product(range(arguments.records), arguments.logged, KINDS))
+    numbers = range(arguments.first, arguments.first + arguments.records)
+    tasks = list(product(numbers, arguments.logged, KINDS))
     done = resumed(
         arguments.log,
         [(logged, kind, number) for number, logged, kind in tasks],

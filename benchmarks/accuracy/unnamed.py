@@ -125,12 +125,14 @@ def summary(outcomes: list[dict]) -> str:
 def main() -> None:
     """Run what the log does not have yet, and print the summary."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--records", type=int, default=400)
+    parser.add_argument("--records", type=int, default=400, help="rounded up to as many of each kind")
+    parser.add_argument("--first", type=int, default=0, help="number of the first of each kind: a count goes on")
     parser.add_argument("--log", type=Path, default=Path("unnamed.jsonl"))
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     arguments = parser.parse_args()
     kinds = list(product(COURSES, PROFILES))
-    tasks = [(*kind, number) for number in range(-(-arguments.records // len(kinds))) for kind in kinds]
+    numbers = range(arguments.first, arguments.first + -(-arguments.records // len(kinds)))
+    tasks = [(*kind, number) for number in numbers for kind in kinds]
     print(summary(resumed(arguments.log, tasks, diagnosed, lambda *key: key, KEYS, arguments.workers)))
 
 
