@@ -1,14 +1,17 @@
 """Mix-ups that are visible in a record without a model, and what `check` says of them."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from benchmarks.reference.analytic_slab import fluxes
 from scipy.special import erfc
 
 import wallid
 from wallid.case.mixups import doubtful_places, visible_mixups
+from wallid.case.options import Choices
 from wallid.case.record_check import check
 
 DAY = 86400.0
@@ -77,6 +80,25 @@ def test_a_column_that_cannot_be_what_it_is_said_to_be(changes, kind, target):
 def test_a_flux_against_the_temperature_difference():
     assert kinds(case_of(flux=-2.0)) == [("flux_sign", ("flux_left",))]
     assert "sign" in visible_mixups(case_of(flux=-2.0))[0].words
+
+
+@pytest.mark.parametrize(("sign", "found"), [(1.0, []), (-1.0, [("flux_sign", ("flux_right",))])])
+def test_a_flux_into_a_wall_that_follows_the_weather_is_no_mixup(sign, found):
+    """An unheated house: the plate sees what the wall stores, against the temperature difference; by a sine series."""
+    step, rate = 1800.0, 6e-7 / 0.5**2
+    phase = 2 * np.pi * step * np.arange(40 * 48) / (8 * DAY)
+    faces = 10.0 + np.stack([5.0 * np.sin(phase), 4.5 * np.sin(phase - 0.6)], axis=1)
+    flux = 1.6e6 * 6e-7 / 0.5 * fluxes(faces, step, rate)[:, 1]
+    rows = slice(-12 * 48, None)
+    difference = (faces[:, 0] - faces[:, 1])[rows]
+    assert np.corrcoef(flux[rows], difference)[0, 1] < -0.6
+    time = step * np.arange(12 * 48)
+    inside = np.empty((len(time), 0))
+    plate = {"flux_right": sign * flux[rows]}
+    record = wallid.Record(time, time, None, faces[rows], inside, (), regressors=plate)
+    wall = wallid.Wall(length=0.5, diffusivity_prior=6e-7)
+    choices = Choices(model="lom", initial_profile=1)
+    assert kinds(wallid.Case("house", Path("case.toml"), wall, (), record, choices)) == found
 
 
 @pytest.mark.parametrize(("factor", "word"), [(0.5, "12 hours"), (2.0, "48 hours"), (1 / 60, "minutes")])

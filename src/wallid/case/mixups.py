@@ -21,7 +21,7 @@ _FAR_OUTSIDE = 3.0  # K, of a sensor's mean beyond both faces'
 _ALWAYS = 0.98  # of the rows in which a sensor is warmer, or colder, than both faces
 _AMPLITUDE_RATIO = 1.3  # of the daily amplitudes of two sensors, above the noise, from which their order counts
 _CLEAR_AMPLITUDE = 5.0  # of a daily amplitude over the noise
-_FLUX_CORRELATION = -0.5  # of the daily means of flux and temperature difference, not centred
+_FLUX_CORRELATION = -0.7  # of the daily means of flux and what drives it, not centred; sound records had -0.65 at least
 _FEW_DAYS, _FLUX_CORRELATION_OF_FEW_DAYS = 3, -0.9
 _PEAK = 8.0  # of the power at a period over that beside it
 _CLEAR_PEAK, _LONG_ENOUGH = 16.0, 10.0  # where there is one at 24 h too; periods in the record
@@ -99,15 +99,23 @@ def _units(case: Case) -> Iterator[Mixup]:
 
 
 def _flux_signs(case: Case) -> Iterator[Mixup]:
-    """Fluxes that run from the cold to the warm face: positive is along +x, from left to right."""
-    record = case.record
-    difference = daily_means(case, record.faces[:, 0] - record.faces[:, 1])
-    for key in PLATES:
+    """Fluxes that run from the cold to the warm face: positive is along +x, from left to right.
+
+    The flux of a wall that warms or cools slowly is, over `k / L`,
+
+        q_left = dT + L^2/alpha (T_l'/3 + T_r'/6),      q_right = dT - L^2/alpha (T_l'/6 + T_r'/3)
+
+    so what the wall stores may run against the temperature difference.
+    """
+    record, wall = case.record, case.wall
+    difference = record.faces[:, 0] - record.faces[:, 1]
+    stored = wall.length**2 / wall.diffusivity_prior * np.gradient(record.faces, record.step, axis=0)
+    for key, shares in zip(PLATES, ((1.0 / 3.0, 1.0 / 6.0), (-1.0 / 6.0, -1.0 / 3.0)), strict=True):
         if key not in record.regressors:
             continue
-        flux = daily_means(case, record.regressors[key])
-        both = np.isfinite(flux) & np.isfinite(difference)
-        q, d = flux[both], difference[both]
+        flux, driven = (daily_means(case, one) for one in (record.regressors[key], difference + stored @ shares))
+        both = np.isfinite(flux) & np.isfinite(driven)
+        q, d = flux[both], driven[both]
         against = float(q @ d) / max(float(np.linalg.norm(q) * np.linalg.norm(d)), 1e-300)
         if against < (_FLUX_CORRELATION if both.sum() >= _FEW_DAYS else _FLUX_CORRELATION_OF_FEW_DAYS):
             words = f"{key} runs against the temperature difference: positive is along +x, from left to right; "
