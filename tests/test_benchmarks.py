@@ -12,8 +12,9 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from benchmarks.accuracy import campaign_plans
+from benchmarks.accuracy.campaign_plans import house as house_of_plan
 from benchmarks.reference.c_recurrence import compiled
+from benchmarks.reference.house_in_weather import FINE, simulated
 from benchmarks.reference.integrators import by_lsim
 from benchmarks.reference.model_reduction import response_of_rows, section_by_pymor
 from benchmarks.reference.section_full_order import FullOrderModel
@@ -77,10 +78,10 @@ def test_lsim_with_theta_is_lsims_own_difference():
 
 def test_the_simulated_house_is_damped_as_by_transmission_matrices():
     """ISO 13786: films and slab as complex matrices, for a daily cycle outdoors."""
-    house = replace(campaign_plans.house(0), length=0.4, diffusivity=5e-7, films=(1.1, 0.9))
-    seconds, omega = campaign_plans.FINE * np.arange(30 * 1440), 2j * np.pi / 86400.0
+    house = replace(house_of_plan(0), length=0.4, diffusivity=5e-7, films=(1.1, 0.9))
+    seconds, omega = FINE * np.arange(30 * 1440), 2j * np.pi / 86400.0
     air = np.stack([10.0 + 8.0 * np.cos(omega.imag * seconds), np.full(len(seconds), 20.0)], axis=1)
-    faces, inside, flux = campaign_plans.simulated(house, air, np.array([0.3]))
+    faces, inside, flux = simulated(house, air, np.array([0.3]))
     conductivity, (inner, outer) = 5e-7 * house.capacity, np.array([0.13, 0.04]) * house.films
 
     def slab(share):

@@ -10,18 +10,15 @@ has two sensors inside, or a flux plate on each face. Each is estimated with `di
 Each record's outcome is appended to a log of JSON lines, so that a long run goes on where it ended.
 """
 
-import argparse
-import os
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
 
-from benchmarks.accuracy.resumed_log import resumed
-from benchmarks.reference.analytic_slab import fluxes, heated, temperatures, weather
+from benchmarks.accuracy.resumed_log import count_options, resumed
+from benchmarks.reference.analytic_slab import fluxes, heated, random_process, temperatures, weather
 
 LENGTH, CONDUCTIVITY, CAPACITY = 0.3, 0.75, 1.5e6
 DIFFUSIVITY = CONDUCTIVITY / CAPACITY
@@ -56,14 +53,6 @@ def key_of(kind: Kind, number: int) -> tuple:
     return kind.logged, kind.heat, kind.memory, number
 
 
-def random_process(count: int, memory: float, rng: np.random.Generator) -> np.ndarray:
-    """An Ornstein-Uhlenbeck process of variance 1 every `FINE` seconds."""
-    keep = np.exp(-FINE / 3600.0 / memory)
-    draws = rng.standard_normal(count)
-    draws[0] /= np.sqrt(1.0 - keep**2)
-    return lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], draws)
-
-
 def profile_of(heat: str) -> np.ndarray:
     """Where heat enters, at equal distances over the wall: everywhere, or behind the right face; of mean 1."""
     x, depth = np.linspace(0.0, 1.0, 3001), DEPTH / LENGTH
@@ -72,7 +61,7 @@ def profile_of(heat: str) -> np.ndarray:
 
 def heat_of(kind: Kind, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """The heat's rate at all times, K/s, and its profile over the wall."""
-    course, profile = random_process(count, kind.memory, rng), profile_of(kind.heat)
+    course, profile = random_process(count, FINE, kind.memory, rng), profile_of(kind.heat)
     if kind.heat == "wall":
         return 3.0 / 86400.0 * course, profile
     return (5.0 if kind.heat == "face" else 0.0) / (CAPACITY * LENGTH) * course, profile
@@ -196,11 +185,7 @@ def summary(outcomes: list[dict]) -> str:
 
 def main() -> None:
     """Run what the log does not have yet, and print the summary."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--records", type=int, default=400, help="of each kind")
-    parser.add_argument("--first", type=int, default=0, help="number of the first: a count of another day goes on")
-    parser.add_argument("--log", type=Path, default=Path("disturbance.jsonl"))
-    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    parser = count_options(__doc__, "disturbance.jsonl", 400)
     parser.add_argument("--logged", nargs="*", default=list(DAYS))
     parser.add_argument("--options", nargs="*", default=list(OPTIONS))
     arguments = parser.parse_args()

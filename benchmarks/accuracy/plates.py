@@ -10,20 +10,17 @@ verdict names the hidden effect or has it among the alternatives.
 Each record's outcome is appended to a log of JSON lines, so that a long run goes on where it ended.
 """
 
-import argparse
-import os
 import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks.accuracy.discrepancy.scenarios import campaign, hide
 from benchmarks.accuracy.discrepancy.score import interval
-from benchmarks.accuracy.resumed_log import resumed
+from benchmarks.accuracy.resumed_log import count_options, resumed
 from benchmarks.reference.simulator_with_effects import Hidden, Spec, write_case
 
 SEED = 2804  # fixed before the first record was diagnosed; 2802 and 2803 showed errors
@@ -138,11 +135,7 @@ def summary(outcomes: list[dict]) -> str:
 
 def main() -> None:
     """Run what the log does not have yet, and print the summary."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--records", type=int, default=40, help="of each kind")
-    parser.add_argument("--first", type=int, default=0, help="number of the first: a count of another day goes on")
-    parser.add_argument("--log", type=Path, default=Path("plates.jsonl"))
-    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    parser = count_options(__doc__, "plates.jsonl", 40)
     parser.add_argument("--logged", nargs="*", default=list(LOGGED))
     arguments = parser.parse_args()
     numbers = range(arguments.first, arguments.first + arguments.records)

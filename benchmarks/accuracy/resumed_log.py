@@ -1,11 +1,28 @@
 """Tasks in processes of their own, each outcome appended to a log of JSON lines: a long run goes on where it ended."""
 
+import argparse
 import json
+import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
+
+
+def count_options(document: str, log: str, records: int, of: str = "of each kind") -> argparse.ArgumentParser:
+    """The options of a count that goes on where it ended: `--records`, `--first`, `--log` and `--workers`.
+
+    Args:
+        document: of the module; its first line is the help text.
+        log: its usual file. records: how many there usually are. of: what is counted.
+    """
+    parser = argparse.ArgumentParser(description=document.splitlines()[0])
+    parser.add_argument("--records", type=int, default=records, help=of)
+    parser.add_argument("--first", type=int, default=0, help="number of the first: a count of another day goes on")
+    parser.add_argument("--log", type=Path, default=Path(log))
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    return parser
 
 
 def resumed(

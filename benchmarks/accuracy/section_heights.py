@@ -11,17 +11,14 @@ unknown heights, with its effect `heterogeneity`.
 Each record's outcome is appended to a log of JSON lines, so that a long run goes on where it ended.
 """
 
-import argparse
-import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from benchmarks.accuracy.discrepancy.score import interval
-from benchmarks.accuracy.resumed_log import resumed
+from benchmarks.accuracy.resumed_log import count_options, resumed
 from benchmarks.reference.analytic_slab import weather
 from benchmarks.reference.section_by_finite_elements import ElementSection, Rectangle
 
@@ -207,13 +204,10 @@ def summary(outcomes: list[dict]) -> str:
 
 def main() -> None:
     """Run what the log does not have yet, and print the summary."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--records", type=int, default=400)
+    parser = count_options(__doc__, "section_heights.jsonl", 400, "walls")
     parser.add_argument("--diagnose", action="store_true", help="diagnose the records; needs a log of its own")
-    parser.add_argument("--log", type=Path, default=Path("section_heights.jsonl"))
-    parser.add_argument("--workers", type=int, default=os.cpu_count())
     arguments = parser.parse_args()
-    tasks = [(number,) for number in range(arguments.records)]
+    tasks = [(number,) for number in range(arguments.first, arguments.first + arguments.records)]
     work, show = (diagnosed, summary_of_diagnoses) if arguments.diagnose else (estimated, summary)
     print(show(resumed(arguments.log, tasks, work, lambda number: (number,), KEYS, arguments.workers)))
 

@@ -9,15 +9,12 @@ with the materials as stated and with them free, with the sensors' heights known
 Each record's outcome is appended to a log of JSON lines, so that a long run goes on where it ended.
 """
 
-import argparse
-import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.accuracy.discrepancy.score import interval
-from benchmarks.accuracy.resumed_log import resumed
+from benchmarks.accuracy.resumed_log import count_options, resumed
 from benchmarks.accuracy.section_heights import HEIGHT, LENGTH, MATERIALS, case_of, frame_of, rubble, simulated
 
 SPREAD = 0.3  # of the logarithm of each value about the stated one
@@ -109,12 +106,8 @@ def _coverage(inside: list[bool]) -> str:
 
 def main() -> None:
     """Run what the log does not have yet, and print the summary."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--records", type=int, default=100)
-    parser.add_argument("--log", type=Path, default=Path("section_materials.jsonl"))
-    parser.add_argument("--workers", type=int, default=os.cpu_count())
-    arguments = parser.parse_args()
-    tasks = [(number,) for number in range(arguments.records)]
+    arguments = count_options(__doc__, "section_materials.jsonl", 100, "walls").parse_args()
+    tasks = [(number,) for number in range(arguments.first, arguments.first + arguments.records)]
     done = resumed(arguments.log, tasks, estimated, lambda number: (number,), KEYS, arguments.workers)
     print(summary(done))
 

@@ -13,11 +13,8 @@ What is counted: the verdict, and the correlation of the course that the diagnos
 Each record's outcome is appended to a log of JSON lines, so that a long run goes on where it ended.
 """
 
-import argparse
-import os
 import time
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 
@@ -31,11 +28,10 @@ from benchmarks.accuracy.disturbance import (
     PLACES,
     SENSOR_STD,
     profile_of,
-    random_process,
     slab_case,
 )
-from benchmarks.accuracy.resumed_log import resumed
-from benchmarks.reference.analytic_slab import heated, temperatures, weather
+from benchmarks.accuracy.resumed_log import count_options, resumed
+from benchmarks.reference.analytic_slab import heated, random_process, temperatures, weather
 
 SEED = 2806  # fixed before the first record was diagnosed; six of 2805 were taken for noise with a memory
 DAYS, STEP = 10.0, 1800.0
@@ -48,7 +44,7 @@ KEYS = ("course", "profile", "number")
 def course_of(course: str, count: int, rng: np.random.Generator) -> np.ndarray:
     """The heat's rate at all times of the simulator, of any size."""
     if course != "bursts":
-        return random_process(count, 3.0 if course == "3 h" else 48.0, rng)
+        return random_process(count, FINE, 3.0 if course == "3 h" else 48.0, rng)
     seconds, heat = FINE * np.arange(count), np.zeros(count)
     sure = round(BEFORE) + 1  # a day of the record that has a burst
     for day in range(int(seconds[-1] // 86400.0) + 1):
@@ -124,12 +120,7 @@ def summary(outcomes: list[dict]) -> str:
 
 def main() -> None:
     """Run what the log does not have yet, and print the summary."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--records", type=int, default=400, help="rounded up to as many of each kind")
-    parser.add_argument("--first", type=int, default=0, help="number of the first of each kind: a count goes on")
-    parser.add_argument("--log", type=Path, default=Path("unnamed.jsonl"))
-    parser.add_argument("--workers", type=int, default=os.cpu_count())
-    arguments = parser.parse_args()
+    arguments = count_options(__doc__, "unnamed.jsonl", 400, "of all kinds together").parse_args()
     kinds = list(product(COURSES, PROFILES))
     numbers = range(arguments.first, arguments.first + -(-arguments.records // len(kinds)))
     tasks = [(*kind, number) for number in numbers for kind in kinds]

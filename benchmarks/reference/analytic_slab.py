@@ -51,6 +51,31 @@ def fluxes(faces: np.ndarray, step: float, diffusivity: float) -> np.ndarray:
     return np.stack([left, right], axis=1)
 
 
+def random_process(count: int, step: float, memory: float, rng: np.random.Generator) -> np.ndarray:
+    """An Ornstein-Uhlenbeck process of variance 1 at equal times.
+
+    Args:
+        step: between them, s. memory: its time constant, h.
+    """
+    keep = np.exp(-step / 3600.0 / memory)
+    draws = rng.standard_normal(count)
+    draws[0] /= np.sqrt(1.0 - keep**2)
+    return lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], draws)
+
+
+def driven_modes(rate: np.ndarray, drive: np.ndarray, step: float) -> np.ndarray:
+    """`b' = -rate b + drive` of each mode from rest, for a drive that is straight lines between rows: exact.
+
+    Args:
+        rate: 1/s, `(mode,)`. drive: at the rows, `(mode, time)`. step: between rows, s.
+    """
+    z = rate * step
+    at_end = (z + np.expm1(-z)) / (rate * z)  # of the value at the end of a row, and at its start
+    at_start = (-np.expm1(-z) - z * np.exp(-z)) / (rate * z)
+    each = zip(drive, at_end, at_start, z, strict=True)
+    return np.stack([lfilter([e, a], [1.0, -np.exp(-one)], own) for own, e, a, one in each])
+
+
 def heated(heat: np.ndarray, step: float, profile: np.ndarray, diffusivity: float, places: np.ndarray) -> tuple:
     """The change of temperatures and of `-dT/d(x/L)` at both faces by heat released inside, faces held.
 
@@ -70,12 +95,7 @@ def heated(heat: np.ndarray, step: float, profile: np.ndarray, diffusivity: floa
     x = np.linspace(0.0, 1.0, len(profile))
     p_n = 2.0 * simpson(profile * np.sin(np.pi * np.outer(n, x)), x=x)
     rate = diffusivity * (n * np.pi) ** 2
-    z = rate * step
-    at_end = (z + np.expm1(-z)) / (rate * z)  # of the value at the end of a row, and at its start
-    at_start = (-np.expm1(-z) - z * np.exp(-z)) / (rate * z)
-    b = np.stack(
-        [p * lfilter([e, a], [1.0, -np.exp(-one)], heat) for p, e, a, one in zip(p_n, at_end, at_start, z, strict=True)]
-    )
+    b = driven_modes(rate, p_n[:, None] * heat, step)
     steady = np.array([-simpson((1.0 - x) * profile, x=x), simpson(x * profile, x=x)]) / diffusivity
     of_modes = np.stack([-n * np.pi, -n * np.pi * (-1.0) ** n], axis=1)
     tail = steady - (p_n / rate) @ of_modes

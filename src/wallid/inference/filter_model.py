@@ -32,6 +32,7 @@ from .disturbance_search import Disturbance
 from .gls_fit import GLSFit
 from .kalman_filter import Filtered, LinearGaussianModel, Smoothed, covariance_root, kalman_filter, kalman_smoother
 from .likelihood import LOG_CONDUCTIVITY, predicted_jacobian
+from .noise_covariance import variance_of_mean
 from .nuisance_kinds import ContactResistances, WallParameters, contact_lengths
 
 _UNKNOWN_STD = 3.0  # of ln(alpha), which has no prior
@@ -183,9 +184,9 @@ def filter_model_of(fitted: FittedReadings, readings: DisturbedReadings) -> Filt
     states.add_face_noise(fitted.face_std * math.sqrt(fitted.white), [])
     if fitted.autocorrelated > 0:
         total = math.sqrt(fitted.autocorrelated)
-        by_row, rows = fitted.correlation ** (1.0 / fitted.spacing), np.arange(fitted.spacing)
+        by_row = fitted.correlation ** (1.0 / fitted.spacing)
         # the mean of a face's noise over `spacing` rows has its variance over `spacing`, as in the dense covariance
-        of_mean = float((by_row ** np.abs(rows[:, None] - rows)).mean())
+        of_mean = variance_of_mean(by_row, fitted.spacing)
         states.add_face_noise(fitted.face_std * total / math.sqrt(fitted.spacing * of_mean), [by_row])
         states.add_sensor_noise(fitted.sensor_std * total, by_row)
     for side, autocovariance in enumerate(fitted.face_errors):

@@ -223,6 +223,12 @@ class NoiseCovariance:
         return f"{text}, {100 * share:.0f} % of its variance with correlation {self.correlation:.2f} from row to row"
 
 
+def variance_of_mean(rho: float, rows: int) -> float:
+    """The variance of the mean over some rows of a first-order autoregression with variance 1."""
+    i = np.arange(rows)
+    return float((rho ** np.abs(i[:, None] - i)).mean())
+
+
 class NoiseShape:
     """The covariance of the binned readings for any size of the noise, at one model.
 
@@ -271,7 +277,7 @@ class NoiseShape:
         """Autocovariance of the bins' means of a first-order autoregression with variance 1, by lag."""
         m, lags = self.rows_per_bin, np.arange(self.bin_count)
         i = np.arange(m)
-        within = (rho ** np.abs(i[:, None] - i)).mean()
+        within = variance_of_mean(rho, m)
         between = np.outer(rho ** (m - 1 - i), rho**i).mean() * rho  # lag 1: rho^(m + i - j)
         return np.where(lags == 0, within, between * rho ** (m * (lags - 1.0).clip(0)))
 
