@@ -37,7 +37,7 @@ from benchmarks.reference.house_in_weather import (
     simulated,
 )
 
-SEED = 2807  # fixed before the first wall was planned
+SEED = 2808  # fixed before the first wall was planned; 2807 is spent
 POOR, POOR_ROWS, POOR_NOISE = 3, 96, (0.1, 5.0)  # campaigns of each wall, their rows, the noise of their sensor in K
 NOISE = 0.05  # K, of a reading
 FLUX_STD, GAIN_STD = 0.3, 0.05  # W/m2; of a plate's calibration
@@ -142,7 +142,11 @@ def outcomes_of(number: int) -> dict:
 
     jax.config.update("jax_enable_x64", True)
     from wallid._internal.progress import no_progress
-    from wallid.experiment_design.campaign_plan.expected_intervals import Instruments, chance_of_uninformative
+    from wallid.experiment_design.campaign_plan.expected_intervals import (
+        CampaignErrors,
+        Instruments,
+        chance_of_uninformative,
+    )
     from wallid.experiment_design.campaign_plan.plan_search import PlanSearch, plan_campaign
     from wallid.records.weather_year import read_weather_year
 
@@ -155,11 +159,12 @@ def outcomes_of(number: int) -> dict:
     any_day = int(rng.integers(1, 366 - math.ceil(found.days)))
     log_alpha = np.log(found.diffusivities)
 
-    def stated(errors: list) -> dict:
-        each = [error.diffusivity for error in errors]
+    def stated(errors: CampaignErrors) -> dict:
+        typical = [error.diffusivity for error in errors.typical]
+        largest = campaign.choices.largest_interval_factor
         return {
-            "std": float(np.exp(np.interp(math.log(one.diffusivity), log_alpha, np.log(each)))),
-            "chance": chance_of_uninformative(each, campaign.choices.largest_interval_factor),
+            "std": float(np.exp(np.interp(math.log(one.diffusivity), log_alpha, np.log(typical)))),
+            "chance": chance_of_uninformative(errors.diffusivity, found.diffusivities, largest),
         }
 
     kinds = [("planned", planned, found.start)]
@@ -168,14 +173,14 @@ def outcomes_of(number: int) -> dict:
             ("planned places", planned, any_day), ("planned day", equal, found.start), ("habit", equal, any_day),
         ]  # fmt: skip
     campaigns = [measured(one, number, *kind, found.days, found.step) for kind in kinds]
-    campaigns[0] |= stated(list(found.errors))
+    campaigns[0] |= stated(found.errors)
     search, days = PlanSearch(campaign, weather, no_progress), POOR_ROWS * found.step / DAY
     without_plates = replace(one, plates=())
     for poor in range(POOR):
         start, place = int(rng.integers(len(search.starts))), int(rng.integers(9))
         noise = math.exp(rng.uniform(*np.log(POOR_NOISE)))
         in_an_hour = replace(campaign.sensor, noise_std=noise * math.sqrt(found.step / HOUR))
-        errors = [year.errors(start, days, Instruments((place,)), in_an_hour) for year in search.years]
+        errors = search.errors(start, days, Instruments((place,)), in_an_hour)
         where = [float(0.1 * (place + 1) * one.length)]
         first = int(search.starts[start]) // 24 + 1
         outcome = measured(without_plates, number, f"poor {poor}", where, first, days, found.step, noise)

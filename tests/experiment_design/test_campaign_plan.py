@@ -19,6 +19,7 @@ from wallid.case.wizard_plan import PlanAnswers, new_plan, parse_azimuth, parse_
 from wallid.cli.commands import app
 from wallid.experiment_design.campaign_plan import typical_case as typical
 from wallid.experiment_design.campaign_plan.expected_intervals import (
+    EQUAL_CHANCES,
     Instruments,
     TypicalYear,
     chance_of_uninformative,
@@ -133,7 +134,7 @@ def test_expected_errors_are_those_of_simulated_estimates(folder):
     weather = read_weather_year(TMY3)
     case = typical.typical_case(campaign, weather, 5e-7, [0.1, 0.2], [])
     start, days = 24 * 30, 4
-    expected = TypicalYear(case, [start], days).errors(0, days, Instruments((0, 1))).diffusivity
+    expected = TypicalYear(case, [start], days, 3600.0).errors(0, days, Instruments((0, 1))).diffusivity
     rng, scores = np.random.default_rng(1), []
     true = np.array([0.1, 0.2]) + 0.001 * rng.standard_normal((16, 2))
     exact = typical.typical_case(campaign, weather, 5e-7, true.ravel().tolist(), []).record.window(start, 24 * days)
@@ -151,7 +152,7 @@ def test_expected_errors_are_those_of_simulated_estimates(folder):
 def test_less_noise_longer_and_more_sensors_give_smaller_errors(found):
     campaign = found.campaign
     case = typical.typical_case(campaign, read_weather_year(TMY3), 5e-7, [0.06, 0.15], ["right"])
-    year = TypicalYear(case, [0, 24 * 90], 10.0)
+    year = TypicalYear(case, [0, 24 * 90], 10.0, 1800.0)
     everything = Instruments((0, 1), (0,))
     assert year.errors(0, 10.0, everything).diffusivity <= year.errors(0, 5.0, everything).diffusivity
     alone = year.errors(0, 10.0, Instruments((0,)))
@@ -170,6 +171,11 @@ def test_a_plan_says_how_to_instrument_the_wall(found):
     assert 0 < found.expected["transmittance"] < found.expected["resistance"]
     assert found.season.median.min() <= found.season.median[found.season.days.index(found.start)] * (1 + 1e-12)
     assert found.season_ratio >= 1.0 and "interval" in found.season_sentence
+    weathers, diffusivities = found.errors.diffusivity.shape  # from the first days within two weeks
+    assert 3 <= weathers <= 5 and diffusivities == len(found.diffusivities)
+    typical = np.median(found.errors.diffusivity, axis=0)
+    assert found.expected["diffusivity"] == pytest.approx(half_width(np.median(typical)))
+    assert found.season.errors[found.season.days.index(found.start)] == pytest.approx(typical)
     widths = [curve.median[-1] for curve in found.curves]
     assert [curve.sensors for curve in found.curves] == [0, 1, 2] and widths == sorted(widths, reverse=True)
     entries = found.to_dict()
@@ -189,7 +195,25 @@ def test_words_of_a_plan():
     curve = Curve(1, (1.0, 3.0, 7.0, 30.0), np.array([[0.3], [0.1], [0.021], [0.02]]))
     assert curve.enough(1.1, 0.0) == 7.0 and curve.enough(1.1, 0.2) == 3.0 and curve.enough(1.0, 0.0) == 30.0
     assert half_width(np.inf) == np.inf and half_width(0.1) == pytest.approx(np.expm1(0.196))
-    assert chance_of_uninformative([0.01, 0.02], 3.0) < 1e-6 < 0.999 < chance_of_uninformative([2.0, np.inf], 3.0)
+
+
+def test_the_chance_of_an_uninformative_record():
+    """Against random draws, for a standard error that grows as a power of the diffusivity, whose distance is exact."""
+    x = 0.4 * np.array(EQUAL_CHANCES)
+    alphas, flat = (5e-7 * np.exp(x)).tolist(), np.ones(5)
+
+    def chance(*stds):
+        return chance_of_uninformative(np.array(stds), alphas, 3.0)
+
+    assert chance(0.02 * flat) == 0.0 and chance(2.0 * flat) == 1.0 == chance(np.inf * flat)
+    assert chance(0.02 * flat, 2.0 * flat) == 0.5  # in the weather of every second year
+    growth, at_prior, rng = 1.5, 0.15, np.random.default_rng(0)
+    to_infinity = np.exp(-growth * x) / (growth * at_prior)  # standard errors from x to an infinite diffusivity
+    best = to_infinity[:, None] - rng.standard_normal((5, 4000))
+    reach = 1.96 * np.exp(0.15 * rng.standard_normal((5, 4000)))
+    with np.errstate(invalid="ignore"):
+        too_wide = ~(np.log((best + reach) / (best - reach)) / growth < np.log(3.0))  # NaN: no upper end
+    assert chance(at_prior * np.exp(growth * x)) == pytest.approx(too_wide.mean(), abs=0.05)
 
 
 def test_settings_that_cannot_be(folder):
@@ -256,5 +280,5 @@ def test_the_accuracy_of_the_case_has_the_interval_of_the_plan(folder):
     (folder / "inside.toml").write_text(text)
     found = plan_campaign(wallid.load_campaign(folder / "inside.toml"), read_weather_year(TMY3), no_progress)
     for one, stated in zip(found.tolerances, (0.002, 0.05), strict=True):
-        expected = found.errors[len(found.errors) // 2].diffusivity
+        expected = found.errors.typical[2].diffusivity
         assert one.errors[one.values.index(stated)] == pytest.approx(expected)

@@ -15,7 +15,7 @@ from studies import SPEC, parameters_at, prepare
 
 from wallid.discrepancy.model_with_effects import BinnedReadings, predict
 from wallid.inference.noise_covariance import NoiseCovariance, NoiseShape, covariance_of_filtered
-from wallid.inference.whittle_likelihood import estimate_noise
+from wallid.inference.whittle_likelihood import estimate_noise, expected_widening, projected_sensitivity
 
 HOURLY = replace(
     SPEC, step=3600.0, days=12.0, positions=(0.04, 0.13), noise_std=0.05, boundary_noise_std=0.08, noise_seed=3
@@ -230,6 +230,26 @@ def test_an_effect_along_a_known_direction_does_not_pass_for_noise(hourly):
     assert_allclose(loud.white + loud.autocorrelated, quiet.white + quiet.autocorrelated, rtol=0.01)
     blind = estimate_noise(model, residual + 5.0 * directions[2], directions[-1:])
     assert blind.white + blind.autocorrelated > 3.0, "otherwise it is noise"
+
+
+@pytest.mark.parametrize(("readings", "outputs"), [(96, 1), (240, 1), (96, 2)])
+def test_the_expected_widening_is_that_of_drawn_noise(readings, outputs):
+    """White noise whose shape and size are estimated: the median width over that with known noise, of 25 draws."""
+    bins = BinnedReadings(jnp.zeros((readings, outputs)), jnp.ones((readings, outputs)), 1)
+    model = NoiseShape(np.zeros((2, readings, outputs)), bins, np.ones(outputs), 0.0, np.zeros((2, 1)))
+    days = np.arange(readings) / 48.0
+    slow = np.stack([np.sin(2 * np.pi * days) + 0.3 * days, np.ones(readings), days, np.exp(-3 * days)], axis=1)
+    jacobian = np.concatenate([slow * factor for factor in (1.0, 0.5)[:outputs]])
+    sensitivity = projected_sensitivity(jacobian, jacobian)
+    expected = expected_widening(np.split(sensitivity, outputs), np.split(jacobian, outputs), readings)
+    rng, widths = np.random.default_rng(5), []
+    for _ in range(25):
+        noise = estimate_noise(model, rng.standard_normal(readings * outputs), jacobian.T, sensitivity)
+        std = 1.0 / np.linalg.norm(noise.whitening @ sensitivity)
+        widths.append(noise.quantile / 1.96 * std * np.linalg.norm(sensitivity))
+    assert 1.0 < expected < 2.0
+    assert np.median(widths) == pytest.approx(expected, rel=0.08)  # the median of 25 scatters by 3 %
+    assert expected_widening(np.split(sensitivity, outputs), np.split(jacobian, outputs), 8) == 1.0
 
 
 def test_the_noise_says_what_it_is():

@@ -162,6 +162,27 @@ def whitening_of(covariance: Float[np.ndarray, "reading reading"]) -> Float[np.n
     return inverse
 
 
+def quantile_over_shapes(
+    probability: Float[np.ndarray, " shape"], ratio: Float[np.ndarray, " shape"], freedom: float
+) -> float:
+    """97.5 % quantile of a parameter's error in standard errors, averaged over the shapes that the noise may have.
+
+    The root q of `sum_i p_i F(q / ratio_i) = 0.975`, with F Student's distribution, or the normal one where the noise
+    is as stated.
+
+    Args:
+        probability: of each shape. ratio: the parameter's standard error with it, over the one that is the unit.
+        freedom: degrees of freedom of the noise's size; infinite where it is as stated.
+    """
+    distribution = partial(scipy.special.stdtr, freedom) if np.isfinite(freedom) else scipy.special.ndtr
+    solution = scipy.optimize.root_scalar(
+        lambda q: probability @ distribution(q / ratio) - 0.975,
+        bracket=(0.0, 1e3 * ratio.max()),
+        method="brentq",
+    )
+    return float(solution.root)
+
+
 @dataclass(frozen=True, eq=False)
 class NoiseCovariance:
     """The covariance of the binned readings at one size and autocorrelation of the noise.
@@ -196,19 +217,8 @@ class NoiseCovariance:
 
     @cached_property
     def quantile(self) -> float:
-        """97.5 % quantile of a parameter's error in standard errors, averaged over the probable shapes of the noise.
-
-        The root q of `sum_i p_i F(q / ratio_i) = 0.975`, with F Student's distribution, or the normal one where the
-        noise is as stated.
-        """
-        freedom, ratio = self.degrees_of_freedom, self.std_ratio
-        distribution = partial(scipy.special.stdtr, freedom) if np.isfinite(freedom) else scipy.special.ndtr
-        solution = scipy.optimize.root_scalar(
-            lambda q: self.shape_probability @ distribution(q / ratio) - 0.975,
-            bracket=(0.0, 1e3 * ratio.max()),
-            method="brentq",
-        )
-        return float(solution.root)
+        """97.5 % quantile of a parameter's error in standard errors, averaged over the probable shapes of the noise."""
+        return quantile_over_shapes(self.shape_probability, self.std_ratio, self.degrees_of_freedom)
 
     @property
     def variance_inflation(self) -> float:

@@ -15,13 +15,14 @@ Source: P. Whittle, Ark. Mat. 2 (1953), 423; D. A. Harville, J. Am. Stat. Assoc.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import scipy
 from jaxtyping import Float
 
-from .noise_covariance import NoiseCovariance, NoiseShape
+from .noise_covariance import NoiseCovariance, NoiseShape, quantile_over_shapes
 
 MIN_READINGS = 30
 """Readings beyond the number of parameters; from fewer the noise is not estimated but taken as stated."""
@@ -80,6 +81,56 @@ def estimate_noise(
     )
     reference = likelihood.log_variance(sensitivity, share, rho, float(np.log(sum(sizes[:2]))))
     return replace(noise, shape_probability=probability, std_ratio=np.exp(0.5 * (variance - reference)))
+
+
+def expected_widening(sensitivity: Sequence[np.ndarray], directions: Sequence[np.ndarray], readings: int) -> float:
+    """How much wider an interval is expected to be because the noise, which is white, is found out from the record.
+
+    The likelihood of each share and correlation of autocorrelated noise is taken at the mean power of white noise, the
+    same at all frequencies. The interval is then averaged over these shapes of the noise, as that of an estimate is.
+
+    Args:
+        sensitivity: derivative of each output's readings (or their means over bins) by one parameter, the others
+            projected out, in standard deviations of the noise, `(bin,)`.
+        directions: the same by each parameter, which are projected out of the residual, `(bin, param)`.
+        readings: of each output, as many as the estimate uses.
+
+    Returns:
+        the width over that with known noise; 1 where the readings are too few to estimate it.
+    """
+    weight = np.ones((len(directions), readings))
+    transformed = [_lowest_cosines(one, readings) for one in directions]
+    columns = np.concatenate(transformed)
+    basis = _orthonormal(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
+    for own, part in zip(weight, np.split(basis, np.cumsum([len(one) for one in transformed])[:-1]), strict=True):
+        own[: len(part)] -= (part**2).sum(axis=1)
+    weight = np.where(weight > _MIN_SHARE, weight, 0.0).sum(axis=0)
+    if weight.sum() < MIN_READINGS:
+        return 1.0
+    power = np.zeros(readings)
+    for one in sensitivity:
+        used = _lowest_cosines(one, readings)
+        power[: len(used)] += used**2
+    share, rho = np.array([(share, rho) for share in _SHARES for rho in _CORRELATIONS]).T[:, :, None]
+    cosines = np.cos(np.pi * np.arange(readings) / readings)
+    density = 1.0 - share + share * (1.0 - rho**2) / (1.0 - 2.0 * rho * cosines + rho**2)  # (shape, frequency)
+    log_total = np.log((1.0 / density) @ weight / weight.sum())
+    costs = np.log(density) @ weight + weight.sum() * log_total + (log_total / _PRIOR_STD) ** 2
+    probability = np.exp(-0.5 * (costs - costs.min()))
+    ratio = np.sqrt(power.sum() / ((1.0 / density) @ power) * np.exp(log_total))
+    quantile = quantile_over_shapes(probability / probability.sum(), ratio, float(weight.sum()))
+    return quantile / float(scipy.special.ndtri(0.975))
+
+
+def _lowest_cosines(values: np.ndarray, count: int) -> np.ndarray:
+    """The cosine coefficients of the lowest frequencies, at most so many, along the first axis."""
+    return np.asarray(scipy.fft.dct(values, type=2, norm="ortho", axis=0))[:count]
+
+
+def _orthonormal(columns: Float[np.ndarray, "value column"]) -> Float[np.ndarray, "value rank"]:
+    """An orthonormal basis of the columns."""
+    u, singular, _ = np.linalg.svd(columns, full_matrices=False)
+    return u[:, singular > _RANK_TOLERANCE * singular[0]]
 
 
 def projected_sensitivity(
@@ -146,8 +197,7 @@ class _Whittle:
     def project_out(self, sizes: tuple[float, float, float]) -> None:
         """Project the directions out, by least squares under noise of these sizes."""
         density = self.density(*sizes) + self.between_rows
-        u, singular, _ = np.linalg.svd((self.directions / np.sqrt(density)).T, full_matrices=False)
-        basis = u[:, singular > _RANK_TOLERANCE * singular[0]]
+        basis = _orthonormal((self.directions / np.sqrt(density)).T)
         whitened = self.residual / np.sqrt(density)
         projected = whitened - basis @ (basis.T @ whitened)
         remaining = 1.0 - (basis**2).sum(axis=1)

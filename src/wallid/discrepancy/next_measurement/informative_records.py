@@ -30,16 +30,18 @@ class OpenDiffusivities:
     Args:
         present: the record with the plain model at each of them.
         largest_ratio: of the ends of a 95 % interval that counts as informative.
+        diffusivities: each of them, ascending, m2/s.
     """
 
     present: PresentRecord = field(repr=False)
     largest_ratio: float
+    diffusivities: tuple[float, ...]
 
     def probability(self, candidate: CandidateRecord) -> float:
         """The probability that a record is informative."""
         index = self.present.fits[0].index(LOG_DIFFUSIVITY)
         stds = [one.std(index, candidate.length) for one in candidate.whitened_explanations]
-        return 1.0 - chance_of_uninformative(stds, self.largest_ratio)
+        return 1.0 - chance_of_uninformative(np.array([stds]), self.diffusivities, self.largest_ratio)
 
 
 def open_diffusivities(findings: Findings) -> OpenDiffusivities:
@@ -52,4 +54,5 @@ def open_diffusivities(findings: Findings) -> OpenDiffusivities:
         linearised_at(problem, (), plain.parameters.with_values({LOG_DIFFUSIVITY: np.log(value)}), plain.noise)
         for value in values
     )
-    return OpenDiffusivities(PresentRecord(fits), problem.case.choices.largest_interval_factor)
+    largest = problem.case.choices.largest_interval_factor
+    return OpenDiffusivities(PresentRecord(fits), largest, tuple((prior * values).tolist()))

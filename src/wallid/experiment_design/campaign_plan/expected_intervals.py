@@ -1,16 +1,22 @@
 """The standard errors that campaigns in a typical year would have.
 
-    cov(ln alpha, ln k) from (M + P)^-1,      std(ln R) = std(ln k),      std(ln C) = std(ln k - ln alpha)
+    cov(ln alpha, ln k) from (M / f^2 + P)^-1,      std(ln R) = std(ln k),      std(ln C) = std(ln k - ln alpha)
 
 `M` is the Fisher information with the full covariance of the estimate (`fisher_information`), at each of some
-diffusivities that the wall may have.
+diffusivities that the wall may have. The noise is as stated, but an estimate finds it out from the record, which makes
+the interval wider by the factor `f` (`whittle_likelihood.expected_widening`).
+
+The 95 % interval of a record whose best diffusivity is `x` reaches to where the distance along ln(alpha) in standard
+errors is 1.96:
+
+    d(x, x') = integral dx / std(x),      d(low, x) = d(x, high) = 1.96
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import scipy
@@ -21,15 +27,19 @@ from ...case.case_definition import Case
 from ...case.time_window import Window
 from ...case.wall_and_sensors import Sensor
 from ...inference.likelihood import LOG_CONDUCTIVITY
+from ...inference.noise_covariance import MAX_READINGS
 from ...inference.nuisance_parameters import CONDUCTIVITY_STD
+from ...inference.whittle_likelihood import expected_widening
 from ...models.flux_plates import flux_readings
-from ..fisher_information import information_matrix
-from ..information_contributions import Contribution, WindowContributions, parameter_columns
+from ..information_contributions import Contribution, WindowContributions, parameter_columns, whitened
 from ..predicted_response import PredictedResponse, ResponseModel
 
 _MOST_READINGS = 600  # in one dense covariance of a plan: rows are averaged over bins until there are no more
 _NOISE_LOG_STD = 0.15  # of the size of the noise that a record will show
 _QUANTILE = 1.96
+EQUAL_CHANCES = np.array([-1.282, -0.524, 0.0, 0.524, 1.282])
+"""Values of a standard normal variable that stand for fifths of its probability."""
+_REACH, _FINE = 6.0, 0.02  # of ln(alpha) on both sides, and its step, in the integral of the distance
 
 
 @dataclass(frozen=True)
@@ -54,6 +64,31 @@ class RelativeErrors:
     capacity: float
 
 
+@dataclass(frozen=True, eq=False)
+class CampaignErrors:
+    """Standard errors of a campaign, in the weather of several years and for several diffusivities of the wall.
+
+    Args:
+        each: by weather, then by diffusivity.
+    """
+
+    each: tuple[tuple[RelativeErrors, ...], ...]
+
+    @property
+    def diffusivity(self) -> Float[np.ndarray, "weather diffusivity"]:
+        """The standard errors of ln(diffusivity)."""
+        return np.array([[one.diffusivity for one in errors] for errors in self.each])
+
+    @property
+    def typical(self) -> tuple[RelativeErrors, ...]:
+        """The median over the weather, for each diffusivity."""
+        names = [one.name for one in fields(RelativeErrors)]
+        return tuple(
+            RelativeErrors(**{name: float(np.median([getattr(one, name) for one in errors])) for name in names})
+            for errors in zip(*self.each, strict=True)
+        )
+
+
 class TypicalYear:
     """The typical year of a wall of one diffusivity, with all places of a sensor and all plates that are compared.
 
@@ -61,10 +96,11 @@ class TypicalYear:
         case: with a sensor at each place and each plate.
         starts: first rows of the campaigns that are compared.
         days: the longest campaign.
+        step: from row to row of a campaign, s; the case has means over longer times.
     """
 
-    def __init__(self, case: Case, starts: Sequence[int], days: float):
-        self.case, self.starts = case, np.asarray(starts, int)
+    def __init__(self, case: Case, starts: Sequence[int], days: float, step: float):
+        self.case, self.starts, self.step = case, np.asarray(starts, int), step
         self.diffusivity = case.wall.diffusivity_prior
         model = ResponseModel(case, [sensor.position for sensor in case.sensors])
         self.predicted: PredictedResponse = model.predict(self.starts, self.rows_in(days), self.diffusivity)
@@ -100,8 +136,20 @@ class TypicalYear:
         if not indexed:
             return RelativeErrors(math.inf, math.inf, math.inf)
         each = [one for _, one in indexed]
-        matrix = information_matrix(each, contributions.whitening(indexed))
-        return _errors_of(matrix, parameter_columns(each).get((None, LOG_CONDUCTIVITY)))
+        jacobian = whitened(each, contributions.whitening(indexed))
+        prior = np.diag((np.arange(jacobian.shape[1]) > 0).astype(float))
+        information = jacobian.T @ jacobian
+        widening = self._widening(jacobian, information + prior, each, days)
+        conductivity = parameter_columns(each).get((None, LOG_CONDUCTIVITY))
+        return _errors_of(information / widening**2 + prior, conductivity)
+
+    def _widening(self, jacobian: np.ndarray, matrix: np.ndarray, each: Sequence[Contribution], days: float) -> float:
+        """How much wider the interval of the diffusivity is because the noise is found out from the record."""
+        others = scipy.linalg.solve(matrix[1:, 1:], matrix[1:, 0], assume_a="pos")
+        ends = np.cumsum([len(one.variance) for one in each])[:-1]
+        sensitivity = np.split(jacobian[:, 0] - jacobian[:, 1:] @ others, ends)
+        readings = min(round(days * DAY / self.step), MAX_READINGS // len(each))
+        return expected_widening(sensitivity, np.split(jacobian, ends), readings)
 
     def _of_length(self, rows: int, bin_rows: int) -> WindowContributions:
         key = (rows, bin_rows)
@@ -136,8 +184,39 @@ def half_width(log_std: float) -> float:
     return math.expm1(min(_QUANTILE * log_std, 50.0)) if math.isfinite(log_std) else math.inf
 
 
-def chance_of_uninformative(log_stds: Sequence[float], largest_ratio: float) -> float:
-    """The chance that the 95 % interval has a larger ratio of its ends, over the diffusivities and the noise shown."""
-    largest = math.log(largest_ratio) / (2.0 * _QUANTILE)
-    exceeding = np.log(np.minimum(log_stds, 1e6) / np.float64(largest)) / _NOISE_LOG_STD
-    return float(np.mean(scipy.special.ndtr(exceeding)))
+def chance_of_uninformative(
+    log_stds: Float[np.ndarray, "weather diffusivity"],
+    diffusivities: Sequence[float],
+    largest_ratio: float,
+) -> float:
+    """The chance that the ratio of the ends of the 95 % interval is larger than allowed.
+
+    It is the mean over the weather, the diffusivities that the wall may have, the error of the estimate, and the noise
+    that the record shows.
+
+    Args:
+        log_stds: standard errors of ln(diffusivity). diffusivities: at which, ascending, of equal chances.
+        largest_ratio: of the ends of an interval.
+    """
+    x = np.log(np.asarray(diffusivities, float))
+    grid = np.arange(x[0] - _REACH, x[-1] + _REACH, _FINE)
+    quantile = _QUANTILE * np.exp(_NOISE_LOG_STD * EQUAL_CHANCES)
+    wide = []
+    for stds in log_stds:
+        distance = np.concatenate([[0.0], np.cumsum(_FINE / _extrapolated(grid, x, stds)[1:])])
+        found = np.interp(x, grid, distance)[:, None] + EQUAL_CHANCES  # of the best diffusivity
+        low, high = (
+            np.interp(found[..., None] + side * quantile, distance, grid, left=-np.inf, right=np.inf)
+            for side in (-1.0, 1.0)
+        )
+        wide.append(high - low > math.log(largest_ratio))
+    return float(np.mean(wide))
+
+
+def _extrapolated(grid: np.ndarray, x: np.ndarray, stds: np.ndarray) -> np.ndarray:
+    """Standard errors at other values of ln(alpha): straight lines through their logarithms."""
+    logs = np.log(np.clip(stds, 1e-6, 1e6))
+    if len(x) == 1:
+        return np.full_like(grid, np.exp(logs[0]))
+    lines = scipy.interpolate.make_interp_spline(x, logs, k=1)
+    return np.exp(np.clip(lines(grid), -14.0, 14.0))

@@ -15,7 +15,7 @@ from ...case.case_definition import Case
 from ...case.planned_campaign import PlannedCampaign
 from ...case.time_window import Window
 from ...models.wall_parameters import R_INSIDE, R_OUTSIDE
-from .expected_intervals import RelativeErrors, chance_of_uninformative, half_width
+from .expected_intervals import CampaignErrors, chance_of_uninformative, half_width
 from .typical_case import conductivity_of
 
 if TYPE_CHECKING:
@@ -62,7 +62,8 @@ class Season:
 
     Args:
         days: of the year, 1 to 365.
-        errors: standard errors of ln(diffusivity), `(first day, diffusivity)`.
+        errors: standard errors of ln(diffusivity), the median over the weather of the days around, `(first day,
+            diffusivity)`.
     """
 
     days: tuple[int, ...]
@@ -105,7 +106,7 @@ class CampaignPlan(ResultObject):
         step: of the rows, s.
         days: length of the campaign.
         start: its first day, day of the year.
-        errors: expected standard errors of the logarithms, at each of `diffusivities`.
+        errors: expected standard errors of the logarithms, in the weather of several years, at each of `diffusivities`.
         diffusivities: that the wall may have with equal probability, m2/s.
         curves: the interval against the days, for the best set of each number of sensors.
         season: the interval against the first day.
@@ -121,7 +122,7 @@ class CampaignPlan(ResultObject):
     step: float
     days: float
     start: int
-    errors: tuple[RelativeErrors, ...] = field(repr=False)
+    errors: CampaignErrors = field(repr=False)
     diffusivities: tuple[float, ...]
     curves: tuple[Curve, ...] = field(repr=False)
     season: Season = field(repr=False)
@@ -134,14 +135,15 @@ class CampaignPlan(ResultObject):
     @property
     def expected(self) -> dict[str, float]:
         """The expected relative half width of the 95 % interval of each quantity, the median over the diffusivities."""
-        stds = {"diffusivity": [one.diffusivity for one in self.errors]}
+        typical = self.errors.typical
+        stds = {"diffusivity": [one.diffusivity for one in typical]}
         if self.plates:
-            stds["resistance"] = [one.resistance for one in self.errors]
+            stds["resistance"] = [one.resistance for one in typical]
             stds["transmittance"] = [
                 one.resistance * self._share_of_wall(alpha)
-                for one, alpha in zip(self.errors, self.diffusivities, strict=True)
+                for one, alpha in zip(typical, self.diffusivities, strict=True)
             ]
-            stds["capacity"] = [one.capacity for one in self.errors]
+            stds["capacity"] = [one.capacity for one in typical]
         return {name: half_width(float(np.median(values))) for name, values in stds.items()}
 
     def _share_of_wall(self, diffusivity: float) -> float:
@@ -154,7 +156,7 @@ class CampaignPlan(ResultObject):
     def uninformative(self) -> float:
         """The chance that the record will not determine the diffusivity."""
         largest = self.campaign.choices.largest_interval_factor
-        return chance_of_uninformative([one.diffusivity for one in self.errors], largest)
+        return chance_of_uninformative(self.errors.diffusivity, self.diffusivities, largest)
 
     @property
     def worst_start(self) -> int:

@@ -7,20 +7,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from ..._internal.progress import Progress
 from ..._internal.units import DAY
 from ...case.planned_campaign import PlannedCampaign
 from ...case.time_window import Window
+from ...case.wall_and_sensors import Sensor
 from ...records.weather_year import HOURS, WeatherYear
-from .expected_intervals import Instruments, RelativeErrors, TypicalYear
+from .expected_intervals import EQUAL_CHANCES, CampaignErrors, Instruments, TypicalYear
 from .plan_result import CampaignPlan, Curve, Season, Tolerance
 from .typical_case import day_of_year, sampling_step, typical_case
 
-_QUANTILES = (-1.282, -0.524, 0.0, 0.524, 1.282)  # of ln(alpha), in its standard deviations: equal probabilities
 _MIDDLE = 2
 _SHARES = np.linspace(0.1, 0.9, 9)  # of the wall's length, at which a sensor may be
-_STARTS = 26  # first days that are compared
+_STARTS = 53  # first days that are compared
+_NEARBY = 15.0  # days around the first one, whose weather another year may have
 _LENGTHS = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 21.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 270.0, 366.0)  # days
 _PLACES_FROM = 6  # first days at which the places are compared
 _PLACED_WITH = 7.0  # days, length of a campaign for which they are
@@ -45,15 +47,42 @@ class PlanSearch:
         last = HOURS - round(self.days * 24)
         self.starts = 24 * np.unique(np.linspace(0, max(last, 0) / 24, _STARTS).astype(int))
         self.years: list[TypicalYear] = []
-        for count, quantile in enumerate(_QUANTILES):
-            report("plan: simulating the typical year", 0.05 + 0.2 * count / len(_QUANTILES))
+        step = sampling_step(campaign)
+        for count, quantile in enumerate(EQUAL_CHANCES):
+            report("plan: simulating the typical year", 0.05 + 0.2 * count / len(EQUAL_CHANCES))
             diffusivity = self.wall.diffusivity_prior * math.exp(quantile * campaign.settings.log_std)
             case = typical_case(campaign, self.weather, diffusivity, positions, campaign.settings.plates)
-            self.years.append(TypicalYear(case, self.starts.tolist(), min(self.days, HOURS / 24)))
+            self.years.append(TypicalYear(case, self.starts.tolist(), min(self.days, HOURS / 24), step))
 
-    def errors(self, start: int, days: float, instruments: Instruments) -> list[RelativeErrors]:
-        """The expected standard errors at each diffusivity."""
-        return [year.errors(start, days, instruments) for year in self.years]
+    @property
+    def diffusivities(self) -> tuple[float, ...]:
+        """That the wall may have with equal probability, m2/s."""
+        return tuple(year.diffusivity for year in self.years)
+
+    def nearby(self, start: int) -> list[int]:
+        """The first days within two weeks of one: another year has the weather of any of them."""
+        return np.flatnonzero(np.abs(self.starts - self.starts[start]) <= 24 * _NEARBY).tolist()
+
+    def errors(self, start: int, days: float, instruments: Instruments, sensor: Sensor | None = None) -> CampaignErrors:
+        """The expected standard errors at each diffusivity, in the weather from each nearby day on.
+
+        Args:
+            start: index of the first day. days: length of the campaign. instruments: what is measured.
+            sensor: with other standard deviations than those of the campaign; None for those.
+        """
+        nearby = self.nearby(start)
+        return CampaignErrors(
+            tuple(tuple(year.errors(one, days, instruments, sensor) for year in self.years) for one in nearby)
+        )
+
+    def season(
+        self, days: float, instruments: Instruments, years: Sequence[TypicalYear]
+    ) -> Float[np.ndarray, "start diffusivity"]:
+        """The standard error of ln(diffusivity) from each first day on, the median over the nearby days."""
+        each = np.array(
+            [[year.errors(one, days, instruments).diffusivity for year in years] for one in range(len(self.starts))]
+        )
+        return np.array([np.median(each[self.nearby(one)], axis=0) for one in range(len(self.starts))])
 
     def places(self) -> list[Instruments]:
         """The best set of each number of sensors, with all plates: each adds a sensor to the one before."""
@@ -75,13 +104,12 @@ class PlanSearch:
 
     def best_start(self, days: float, instruments: Instruments) -> int:
         """The index of the first day with the smallest standard error."""
-        errors = [self.years[_MIDDLE].errors(s, days, instruments).diffusivity for s in range(len(self.starts))]
-        return int(np.argmin(errors))
+        return int(np.argmin(self.season(days, instruments, [self.years[_MIDDLE]])))
 
     def curve(self, start: int, instruments: Instruments) -> Curve:
         """The interval against the days, for one set and one first day."""
         lengths = [*(days for days in _LENGTHS if days < self.days), self.days]
-        errors = [[one.diffusivity for one in self.errors(start, days, instruments)] for days in lengths]
+        errors = [np.median(self.errors(start, days, instruments).diffusivity, axis=0) for days in lengths]
         return Curve(len(instruments.sensors), tuple(lengths), np.array(errors))
 
 
@@ -133,10 +161,9 @@ def _result(
     campaign, settings = search.campaign, search.campaign.settings
     positions = tuple(float(_SHARES[k] * search.wall.length) for k in sorted(instruments.sensors))
     plates = tuple(settings.plates[k] for k in instruments.plates)
-    errors = tuple(search.errors(start, days, instruments))
     season = Season(
         tuple(day_of_year(int(row)) for row in search.starts),
-        np.array([[one.diffusivity for one in search.errors(s, days, instruments)] for s in range(len(search.starts))]),
+        search.season(days, instruments, search.years),
     )
     case = typical_case(campaign, search.weather, search.wall.diffusivity_prior, positions, plates)
     window = Window(int(search.starts[start]), round(days * DAY / case.record.step))
@@ -147,8 +174,8 @@ def _result(
         step=sampling_step(campaign),
         days=days,
         start=day_of_year(int(search.starts[start])),
-        errors=errors,
-        diffusivities=tuple(year.diffusivity for year in search.years),
+        errors=search.errors(start, days, instruments),
+        diffusivities=search.diffusivities,
         curves=tuple(curves),
         season=season,
         tolerances=_tolerances(search, instruments, start, days) if positions else (),
@@ -163,7 +190,9 @@ def _tolerances(search: PlanSearch, instruments: Instruments, start: int, days: 
     sensor = year.case.sensors[0]  # with the noise of an hour's mean, as everywhere in the plan
 
     def error(name: str, value: float) -> float:
-        return year.errors(start, days, instruments, replace(sensor, **{name: value})).diffusivity
+        changed = replace(sensor, **{name: value})
+        each = [year.errors(one, days, instruments, changed).diffusivity for one in search.nearby(start)]
+        return float(np.median(each))
 
     return tuple(
         Tolerance(name, values, np.array([error(name, value) for value in values])) for name, values in _STDS.items()
