@@ -41,12 +41,18 @@ def resumed(
         run: a task's outcome, by its arguments.
         key: what tells a task from others, by its arguments. keys: where its parts stand in an outcome.
         workers: number of processes; None for one on each core.
+
+    Raises:
+        RuntimeError: a task failed; the tasks that had not begun are left out.
     """
     done = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
     known = {tuple(outcome[name] for name in keys) for outcome in done}
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool, log.open("a") as file:
-        todo = [pool.submit(run, *task) for task in tasks if key(*task) not in known]
+        todo = {pool.submit(run, *task): task for task in tasks if key(*task) not in known}
         for future in as_completed(todo):
+            if future.exception() is not None:
+                pool.shutdown(cancel_futures=True)
+                raise RuntimeError(f"no outcome of {todo[future]}") from future.exception()
             done.append(future.result())
             file.write(json.dumps(done[-1]) + "\n")
             file.flush()

@@ -25,6 +25,7 @@ from wallid.case.options import Choices
 from wallid.cli.commands import app
 from wallid.estimation.iso_9869 import average_method, resistance_over_time
 from wallid.experiment_design.expected_errors import expected_errors, with_expected_errors
+from wallid.inference import generalised_least_squares
 from wallid.inference.common_noise import wiener_filtered_noise
 from wallid.inference.generalised_least_squares import fit_generalised_least_squares
 from wallid.inference.nuisance_kinds import NUISANCE_KINDS, ContactResistances
@@ -173,6 +174,16 @@ def test_the_first_half_predicts_the_second(both):
     held = both.thermal.held_out
     assert held.hours == 36.0 and held.coverage > 0.85
     assert held.rms < 3 * np.sqrt(NOISE**2 + (FACE * 60) ** 2)
+
+
+def test_a_contact_that_only_the_whole_record_shows(monkeypatch):
+    """The first half predicts the second with its own parameters, without the contact resistances of the whole."""
+    scores = iter([{"left": 9.0, "right": 9.0}, {"left": 0.0, "right": 0.0}])
+    monkeypatch.setattr(generalised_least_squares, "contact_scores", lambda *_: next(scores))
+    case = case_of()
+    fit = wallid.estimate(replace(case, choices=replace(case.choices, disturbance="none")))
+    assert set(fit.thermal.contact_resistances) == {"left", "right"} and next(scores, None) is None
+    assert fit.thermal.held_out.coverage > 0.85 and fit.thermal.held_out.rms < 1.0
 
 
 def test_below_a_memory_as_long_as_the_window_nothing_is_told():

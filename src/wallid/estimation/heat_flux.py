@@ -27,7 +27,7 @@ from ..case.time_window import Window, entire_record
 from ..case.wall_and_sensors import SIDES
 from ..inference.generalised_least_squares import fit_generalised_least_squares
 from ..inference.gls_fit import GLSFit
-from ..inference.likelihood import LOG_CONDUCTIVITY, PLATE_GAIN, LikelihoodProblem, NuisanceModel
+from ..inference.likelihood import LOG_CONDUCTIVITY, PLATE_GAIN, LikelihoodProblem
 from ..inference.nuisance_kinds import ContactResistances, contact_lengths
 from ..inference.parameters import kind_of, target_of
 from ..inference.physical_bounds import PHYSICAL_BOUNDS
@@ -354,11 +354,9 @@ def _second_half_prediction(case: Case, window: Window, fit: GLSFit) -> HeldOutF
     early = fit_generalised_least_squares(
         case, window, data, model, fit.diffusivity, eta=1e-6, rows_used=half, kinds=fit.kinds
     )
-    predicted, J = (
-        np.asarray(part) for part in _prediction_and_jacobian(fit.problem, early.problem.nuisance, early.minimum.vector)
-    )
+    J = np.asarray(_jacobian_at_rows(early.problem, early.minimum.vector))
     data, present = fit.problem.data, present[half:]
-    residual = (np.asarray(data.observed) - predicted)[half:, -plates:]
+    residual = np.asarray(data.observed - early.minimum.predicted)[half:, -plates:]
     noise = early.robust or early.noise
     own = np.asarray(fit.noise_shape.sensor_std)[-plates:] ** 2 * (noise.white + noise.autocorrelated)
     faces = fit.noise_shape.face_variance(noise.white + noise.autocorrelated, 0.0, 0.0)
@@ -377,10 +375,6 @@ def _second_half_prediction(case: Case, window: Window, fit: GLSFit) -> HeldOutF
 
 
 @eqx.filter_jit
-def _prediction_and_jacobian(
-    problem: LikelihoodProblem, free: NuisanceModel, y: Float[Array, " param"]
-) -> tuple[Array, Array]:
-    """Predictions, `(time, output)`, and their Jacobian, `(time, output, param)`."""
-    problem = eqx.tree_at(lambda p: p.nuisance, problem, free)
-    slopes, predicted = jax.jacfwd(lambda y: (problem.predicted(y),) * 2, has_aux=True)(y)
-    return predicted, slopes
+def _jacobian_at_rows(problem: LikelihoodProblem, y: Float[Array, " param"]) -> Float[Array, "time output param"]:
+    """The derivatives of the predicted readings at the rows."""
+    return jax.jacfwd(problem.predicted)(y)
