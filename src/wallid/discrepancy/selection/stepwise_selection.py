@@ -8,7 +8,7 @@ from itertools import islice
 import numpy as np
 
 from ..cross_validation import effect_by_window, held_out, held_out_cost
-from ..effect_fit import EffectFit
+from ..effect_fit import EffectFit, refit
 from ..problem import EffectParameters
 from .acceptance import FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL, RIVAL, penalised_cost, reason_for_refusal
 from .candidate_fits import CandidateFits
@@ -118,6 +118,49 @@ class StepwiseSelection:
         return base
 
     def select_further(self, fit: EffectFit, progress: Callable[[float], None]) -> EffectFit:
+        """Exchange, add and remove effects until the set of effects stays the same.
+
+        Where these effects leave a significant residual, pairs that start from other single effects are tried too: two
+        wrong effects may be better than each pair with one of them and one right effect.
+        """
+        fit = self._until_stable(fit, lambda share: progress(0.6 * share))
+        other = self._pair_from_another_single(fit)
+        return fit if other is fit else self._until_stable(other, lambda share: progress(0.6 + 0.4 * share))
+
+    def _pair_from_another_single(self, fit: EffectFit) -> EffectFit:
+        """The best pair that contains one of the best single effects; the fit itself where none is better.
+
+        Pairs are tried in the order of their expected cost, until one leaves no significant residual.
+        """
+        singles = {trial.fit.active: trial.fit for trial in self.fits.trials if len(trial.fit.active) == 1}
+        if not singles or self.fits.residual_tests(fit).p_value >= _PAIR_TEST_LEVEL:
+            return fit
+        of_plain = self.fits.score_candidates(self.fits.plain_model_with_noise_of(fit))
+        chance = np.cumsum([0.0, *(of_plain.threshold(p) for p in (FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL))])
+
+        def price(one: EffectFit) -> float:
+            """The penalised cost, with the gain that chance gives to as many effects."""
+            return penalised_cost(one) + float(chance[len(one.active)])
+
+        expected: dict[frozenset[EffectParameters], tuple[float, CandidateScores, int]] = {}
+        for single in sorted(singles.values(), key=penalised_cost)[:_SINGLES]:
+            scores = self.fits.score_candidates(refit(self.problem, single.active, single.parameters, fit.noise))
+            for k in scores.best_penalised(_RIVALS):
+                pair, cost = frozenset({*single.active, scores.effect(k)}), scores.base.cost - scores.gain[k]
+                if pair != set(fit.active) and cost < expected.get(pair, (np.inf,))[0]:
+                    expected[pair] = (cost, scores, k)
+        best = fit
+        for _, scores, k in sorted(expected.values(), key=lambda one: one[0])[:_RIVALS]:
+            other = self.fits.add_candidates(scores, (k,))
+            if price(other) < price(best) - _CLEARLY_BETTER and self.fits.acceptable(other):
+                rows = held_out(self.problem, other.events)
+                if rows is None or held_out_cost(other, rows) < held_out_cost(best, rows):
+                    best = other
+                    if self.fits.residual_tests(best).p_value >= _PAIR_TEST_LEVEL:
+                        break
+        return best
+
+    def _until_stable(self, fit: EffectFit, progress: Callable[[float], None]) -> EffectFit:
         """Exchange, add and remove effects until the set of effects stays the same.
 
         With the noise estimated again, an effect that was added may not be needed. Once removed, it is not added again.
