@@ -6,13 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from benchmarks.reference.simulator_with_effects import Hidden, Spec, simulate, write_case
+from studies import SPEC, prepare, slot_of, trimmed
 
 import wallid
 from wallid.discrepancy.cross_validation import held_out, held_out_cost
 from wallid.discrepancy.effect_fit import refit
 from wallid.discrepancy.effects.catalogue import untestable
 from wallid.discrepancy.selection.acceptance import FURTHER_EFFECT_LEVEL
-from wallid.discrepancy.selection.candidate_fits import CandidateFits
+from wallid.discrepancy.selection.candidate_fits import CandidateFits, plain_model_of
 from wallid.discrepancy.selection.effect_results import Trial
 from wallid.discrepancy.selection.stepwise_selection import StepwiseSelection
 
@@ -198,6 +199,24 @@ def test_a_record_too_short_to_hold_days_out_is_explained_all_the_same(tmp_path)
     assert found.gap.held_out_before is None
     assert found.gap.held_out_after is None
     assert "days held out" not in found.sentence
+
+
+def test_a_pair_is_sought_from_another_single_effect(tmp_path):
+    """From two wrong effects, whose exchange one by one does not lead to the right ones."""
+    hidden = (Hidden("sensor_gain", "T3", {"gain": 0.05}), Hidden("sensor_offset", "T1", {"offset": 0.4}))
+    study, _ = prepare(tmp_path, replace(SPEC, noise_std=0.02, boundary_noise_std=0.02, effects=hidden))
+    fits, plain = plain_model_of(trimmed(study, lambda effect: effect.name.startswith("sensor_")))
+    study = fits.problem
+    right = [slot_of(study, name, target) for name, target, _ in hidden]
+    wrong = tuple(slot_of(study, name, target) for name, target in (("sensor_lag", "T2"), ("sensor_drift", "T1")))
+    selection = StepwiseSelection(fits)
+    start = refit(study, wrong, plain.parameters, plain.noise)
+    assert selection._pair_from_another_single(start) is start, "no single effect was tried"
+    scores = fits.score_candidates(plain)
+    fits.add_candidates(scores, (scores.candidates_of(right[0])[0],))
+    found = selection._pair_from_another_single(start)
+    assert set(found.active) == set(right) and found.cost < start.cost - 100
+    assert selection._pair_from_another_single(found) is found, "these leave nothing"
 
 
 @pytest.mark.slow
