@@ -111,6 +111,8 @@ class WindowContributions:
         # response of a bin's mean to a face temperature that changes for one entire bin, as in NoiseShape
         self.bin_response = np.diff(step_response, axis=1, prepend=0.0)
         self.face_noise_cache: dict[int, np.ndarray] = {}
+        self.common_noise_cache: dict[int, list[np.ndarray]] = {}
+        self.profile_span_cache: dict[int, float] = {}
         self.has_plates = bool(fluxes_of(self.case))
         self.conductance = wall_conductance(self.case) if self.has_plates else 1.0
 
@@ -170,10 +172,16 @@ class WindowContributions:
         plates = enumerate(flux_present.T, start=len(self.predicted.positions))
         return [
             *((s, self.contribution(window, s, one, present[:, s])) for s, one in enumerate(self.case.sensors)),
-            *((index, self._plate_contribution(window, index, used)) for index, used in plates),
+            *((index, self.plate_contribution(window, index, used)) for index, used in plates),
         ]
 
-    def _plate_contribution(self, window: int, index: int, present: np.ndarray) -> Contribution:
+    def plate_contribution(self, window: int, index: int, present: np.ndarray) -> Contribution:
+        """The contribution of a plate of the case.
+
+        Args:
+            window: index of the window. index: of the output.
+            present: rows whose reading is used, `(time,)`.
+        """
         case, rows = self.case, slice(None, None, self.stride)
         sensitivity = self.predicted.sensitivity[window, rows, index]
         flux = self.predicted.temperature[window, rows, index]
@@ -216,15 +224,20 @@ class WindowContributions:
         std = self.case.record.boundary_noise_std
         if std == 0.0 or not self.case.sensors:
             return {}
-        faces = self.predicted.faces[window, :: self.stride].T
-        return _named(CommonNoise.kind, SIDES, [wiener_filtered_noise(face, std) for face in faces])
+        if window not in self.common_noise_cache:
+            faces = self.predicted.faces[window, :: self.stride].T
+            self.common_noise_cache[window] = [wiener_filtered_noise(face, std) for face in faces]
+        return _named(CommonNoise.kind, SIDES, self.common_noise_cache[window])
 
     def initial_modes(self, window: int, index: int) -> dict[str, np.ndarray]:
         """One prior standard deviation of each initial-profile mode, K, `(time,)`; none for a known profile."""
-        row = int(self.starts[window])
-        if fit_profile(self.case, row).eps_2 is None:
+        if window not in self.profile_span_cache:
+            row = int(self.starts[window])
+            known = fit_profile(self.case, row).eps_2 is None
+            span = 0.0 if known else window_temperature_range(self.case, Window(row, self.rows))
+            self.profile_span_cache[window] = span
+        if (span := self.profile_span_cache[window]) == 0.0:
             return {}
-        span = window_temperature_range(self.case, Window(row, self.rows))
         modes = self.predicted.initial_modes[:, :: self.stride, index]
         numbers = range(1, len(modes) + 1)
         return _named(PROFILE_MODE, numbers, [span / k * mode for k, mode in zip(numbers, modes, strict=True)])

@@ -128,11 +128,11 @@ class TypicalYear:
             own = own if sensor is None else replace(sensor, name=own.name, position=own.position)
             indexed.append((k, contributions.contribution(start, k, own)))
         if instruments.plates:
-            window = Window(int(self.starts[start]), rows)
-            present = np.isfinite(flux_readings(self.case, window))
-            none = np.zeros((rows, len(self.case.sensors)), bool)
-            plates = contributions.contributions_of_case(start, none, present)[len(self.case.sensors) :]
-            indexed += [plates[k] for k in instruments.plates]
+            used = np.isfinite(flux_readings(self.case, Window(int(self.starts[start]), rows)))
+            first = len(self.case.sensors)
+            indexed += [
+                (first + k, contributions.plate_contribution(start, first + k, used[:, k])) for k in instruments.plates
+            ]
         if not indexed:
             return RelativeErrors(math.inf, math.inf, math.inf)
         each = [one for _, one in indexed]
