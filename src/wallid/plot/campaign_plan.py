@@ -66,6 +66,9 @@ def interval_by_days(plan: CampaignPlan, *, ax: Axes | None = None) -> Axes:
 def interval_by_start(plan: CampaignPlan, *, ax: Axes | None = None) -> Axes:
     """Expected half width of the interval of the diffusivity against the first day of the year.
 
+    The line is the median over the diffusivities that the wall may have and over the weather of the days around, the
+    band is over the diffusivities.
+
     Args:
         plan: the planned campaign.
         ax: to draw on; None for a new figure.
@@ -77,7 +80,7 @@ def interval_by_start(plan: CampaignPlan, *, ax: Axes | None = None) -> Axes:
     first = datetime.date(2023, 1, 1)
     dates = [mdates.date2num(first + datetime.timedelta(days=day - 1)) for day in plan.season.days]
     widths = _widths(plan.season.errors)
-    ax.plot(dates, _widths(plan.season.median), "o-", ms=3.5, color=BLUE, label="median over the wall's diffusivities")
+    ax.plot(dates, _widths(plan.season.median), "o-", ms=3.5, color=BLUE, label="median over diffusivities and weather")
     ax.fill_between(dates, widths.min(axis=1), widths.max(axis=1), color=BLUE, alpha=0.15, lw=0)
     planned = float(mdates.date2num(first + datetime.timedelta(days=plan.start - 1)))
     ax.axvline(planned, color=GREY, ls="--", label="planned")
