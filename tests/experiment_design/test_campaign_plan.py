@@ -207,6 +207,8 @@ def test_the_chance_of_an_uninformative_record():
 
     assert chance(0.02 * flat) == 0.0 and chance(2.0 * flat) == 1.0 == chance(np.inf * flat)
     assert chance(0.02 * flat, 2.0 * flat) == 0.5  # in the weather of every second year
+    for std, expected in ((0.02, 0.0), (2.0, 1.0)):  # the diffusivity is known, or at a limit of the search
+        assert chance_of_uninformative(np.full((1, 3), std), [5e-7] * 3, 3.0) == expected
     growth, at_prior, rng = 1.5, 0.15, np.random.default_rng(0)
     to_infinity = np.exp(-growth * x) / (growth * at_prior)  # standard errors from x to an infinite diffusivity
     best = to_infinity[:, None] - rng.standard_normal((5, 4000))

@@ -250,6 +250,7 @@ def test_the_expected_widening_is_that_of_drawn_noise(readings, outputs):
     assert 1.0 < expected < 2.0
     assert np.median(widths) == pytest.approx(expected, rel=0.08)  # the median of 25 scatters by 3 %
     assert expected_widening(np.split(sensitivity, outputs), np.split(jacobian, outputs), 8) == 1.0
+    assert expected_widening(np.split(0 * sensitivity, outputs), np.split(jacobian, outputs), readings) == 1.0
 
 
 def test_the_noise_says_what_it_is():

@@ -96,7 +96,7 @@ def expected_widening(sensitivity: Sequence[np.ndarray], directions: Sequence[np
         readings: of each output, as many as the estimate uses.
 
     Returns:
-        the width over that with known noise; 1 where the readings are too few to estimate it.
+        the width over that with known noise; 1 where the readings are too few to estimate it, or say nothing.
     """
     weight = np.ones((len(directions), readings))
     transformed = [_lowest_cosines(one, readings) for one in directions]
@@ -111,6 +111,8 @@ def expected_widening(sensitivity: Sequence[np.ndarray], directions: Sequence[np
     for one in sensitivity:
         used = _lowest_cosines(one, readings)
         power[: len(used)] += used**2
+    if not power.any():
+        return 1.0
     share, rho = np.array([(share, rho) for share in _SHARES for rho in _CORRELATIONS]).T[:, :, None]
     cosines = np.cos(np.pi * np.arange(readings) / readings)
     density = 1.0 - share + share * (1.0 - rho**2) / (1.0 - 2.0 * rho * cosines + rho**2)  # (shape, frequency)

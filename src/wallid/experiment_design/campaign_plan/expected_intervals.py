@@ -195,11 +195,11 @@ def chance_of_uninformative(
     that the record shows.
 
     Args:
-        log_stds: standard errors of ln(diffusivity). diffusivities: at which, ascending, of equal chances.
+        log_stds: standard errors of ln(diffusivity). diffusivities: at which, of equal chances.
         largest_ratio: of the ends of an interval.
     """
     x = np.log(np.asarray(diffusivities, float))
-    grid = np.arange(x[0] - _REACH, x[-1] + _REACH, _FINE)
+    grid = np.arange(x.min() - _REACH, x.max() + _REACH, _FINE)
     quantile = _QUANTILE * np.exp(_NOISE_LOG_STD * EQUAL_CHANCES)
     wide = []
     for stds in log_stds:
@@ -214,9 +214,8 @@ def chance_of_uninformative(
 
 
 def _extrapolated(grid: np.ndarray, x: np.ndarray, stds: np.ndarray) -> np.ndarray:
-    """Standard errors at other values of ln(alpha): straight lines through their logarithms."""
-    logs = np.log(np.clip(stds, 1e-6, 1e6))
-    if len(x) == 1:
-        return np.full_like(grid, np.exp(logs[0]))
-    lines = scipy.interpolate.make_interp_spline(x, logs, k=1)
+    """Standard errors at other values of ln(alpha): straight lines through their logarithms; one value is constant."""
+    x, first = np.unique(x, return_index=True)
+    logs = np.log(np.clip(stds[first], 1e-6, 1e6))
+    lines = scipy.interpolate.make_interp_spline(x, logs, k=min(1, len(x) - 1))
     return np.exp(np.clip(lines(grid), -14.0, 14.0))
