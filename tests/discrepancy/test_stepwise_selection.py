@@ -12,6 +12,7 @@ class Fit:
 
 class Fits:
     problem = None
+    trials = ()  # no single effect was tried before
 
     def refit_with_estimated_noise(self, fit):
         return fit
