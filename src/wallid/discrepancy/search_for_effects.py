@@ -19,7 +19,7 @@ from .next_measurement.search import what_to_measure
 from .problem import diagnosis_problem
 from .result.diagnosis_result import Diagnosis
 from .screening import screen, screening_of
-from .selection.acceptance import FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL, RIVAL, penalised_cost
+from .selection.acceptance import RIVAL, gain_by_chance, penalised_cost
 from .selection.candidate_fits import CandidateFits, plain_model_of
 from .selection.score_test import CandidateScores
 from .selection.stepwise_selection import StepwiseSelection
@@ -88,8 +88,7 @@ def _search_in_section(plain: _PlainModel, progress: Progress) -> Diagnosis:
 
 def _price_of_effects(found: Diagnosis) -> float:
     """The gain in -2 log L that chance alone gives to the effects that a search has named."""
-    levels = (FIRST_EFFECT_LEVEL, *(FURTHER_EFFECT_LEVEL,) * len(found.effects))[: len(found.effects)]
-    return sum(found.scores.threshold(level) for level in levels)
+    return gain_by_chance(found.scores.threshold, len(found.effects))
 
 
 def _unknown_heat(found: Diagnosis, progress: Progress) -> UnknownHeat | None:

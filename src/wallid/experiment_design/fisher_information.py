@@ -109,7 +109,12 @@ def relative_criterion(values: Float[np.ndarray, "case candidate"], robust: Robu
 def information_matrix(contributions: Sequence[Contribution], whitening: Whitening) -> Float[np.ndarray, "param param"]:
     """M for ln(alpha), the nuisance parameters common to all sensors, then those of each sensor; priors included."""
     white = whitened(contributions, whitening)
-    return white.T @ white + np.diag((np.arange(white.shape[1]) > 0).astype(float))
+    return white.T @ white + prior_information(white.shape[1])
+
+
+def prior_information(parameters: int) -> Float[np.ndarray, "param param"]:
+    """P: 1 for each nuisance parameter and 0 for ln(alpha), the first of so many."""
+    return np.diag((np.arange(parameters) > 0).astype(float))
 
 
 def marginal_information(

@@ -112,7 +112,7 @@ class WindowContributions:
         self.bin_response = np.diff(step_response, axis=1, prepend=0.0)
         self.face_noise_cache: dict[int, np.ndarray] = {}
         self.common_noise_cache: dict[int, list[np.ndarray]] = {}
-        self.profile_span_cache: dict[int, float] = {}
+        self.profile_span_cache: dict[int, float | None] = {}
         self.has_plates = bool(fluxes_of(self.case))
         self.conductance = wall_conductance(self.case) if self.has_plates else 1.0
 
@@ -234,9 +234,9 @@ class WindowContributions:
         if window not in self.profile_span_cache:
             row = int(self.starts[window])
             known = fit_profile(self.case, row).eps_2 is None
-            span = 0.0 if known else window_temperature_range(self.case, Window(row, self.rows))
+            span = None if known else window_temperature_range(self.case, Window(row, self.rows))
             self.profile_span_cache[window] = span
-        if (span := self.profile_span_cache[window]) == 0.0:
+        if (span := self.profile_span_cache[window]) is None:
             return {}
         modes = self.predicted.initial_modes[:, :: self.stride, index]
         numbers = range(1, len(modes) + 1)

@@ -239,6 +239,11 @@ def variance_of_mean(rho: float, rows: int) -> float:
     return float((rho ** np.abs(i[:, None] - i)).mean())
 
 
+def autoregression_spectrum(rho: float | np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """Power of a first-order autoregression with variance 1, over that of white noise; `omega` in rad a row."""
+    return (1.0 - rho**2) / (1.0 - 2.0 * rho * np.cos(omega) + rho**2)
+
+
 class NoiseShape:
     """The covariance of the binned readings for any size of the noise, at one model.
 

@@ -17,12 +17,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import scipy
 from jaxtyping import Float
 
-from .noise_covariance import NoiseCovariance, NoiseShape, quantile_over_shapes
+from .noise_covariance import NoiseCovariance, NoiseShape, autoregression_spectrum, quantile_over_shapes
 
 MIN_READINGS = 30
 """Readings beyond the number of parameters; from fewer the noise is not estimated but taken as stated."""
@@ -33,6 +34,7 @@ _MAX_CORRELATION = 0.98  # from row to row
 _SCORING_STEPS = 20  # of the total variance
 _SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _CORRELATIONS = (0.3, 0.5, 0.6, 0.7, 0.76, 0.82, 0.86, 0.89, 0.92, 0.95, 0.97)
+_GRID = tuple(product(_SHARES, _CORRELATIONS))  # shapes of the noise
 
 
 def estimate_noise(
@@ -53,14 +55,13 @@ def estimate_noise(
     if len(shape.gap_errors):
         directions = np.concatenate([directions, shape.largest_gap_errors])
     likelihood = _Whittle(shape, residual, directions)
-    grid = [(share, rho) for share in _SHARES for rho in _CORRELATIONS]
-    share, rho, sizes, costs, totals = 0.0, 0.8, (1.0, 0.0, 0.8), np.zeros(len(grid)), np.zeros(len(grid))
+    share, rho, sizes, costs, totals = 0.0, 0.8, (1.0, 0.0, 0.8), np.zeros(len(_GRID)), np.zeros(len(_GRID))
     for _ in range(2):
         likelihood.project_out(sizes)
-        costs, totals = np.array([likelihood.cost(*point) for point in grid]).T
+        costs, totals = np.array([likelihood.cost(*point) for point in _GRID]).T
         minimum = scipy.optimize.minimize(
             lambda y: likelihood.cost(*y)[0],
-            np.array(grid[int(np.argmin(costs))]),
+            np.array(_GRID[int(np.argmin(costs))]),
             method="Nelder-Mead",
             options={"xatol": 1e-3, "fatol": 1e-2, "maxfev": 120},
         )
@@ -68,16 +69,15 @@ def estimate_noise(
         total = float(np.exp(likelihood.cost(share, rho)[1]))
         sizes = (total * (1 - share), total * share, rho)
     # the uncertainty of the noise's power at low frequencies, where effects are searched for
-    probability = np.exp(-0.5 * (costs - costs.min()))
-    probability /= probability.sum()
-    log_power = np.array([_log_low_frequency_power(*point, total) for point, total in zip(grid, totals, strict=True)])
+    probability = _probability(costs)
+    log_power = np.array([_log_low_frequency_power(*point, total) for point, total in zip(_GRID, totals, strict=True)])
     weight = float(likelihood.weight.sum())
     log_power_std = float(np.sqrt(probability @ (log_power - probability @ log_power) ** 2 + 2.0 / weight))
     noise = replace(shape.covariance_of(*sizes), log_power_std=log_power_std, degrees_of_freedom=weight)
     if sensitivity is None:
         return noise
     variance = np.array(
-        [likelihood.log_variance(sensitivity, *point, total) for point, total in zip(grid, totals, strict=True)]
+        [likelihood.log_variance(sensitivity, *point, total) for point, total in zip(_GRID, totals, strict=True)]
     )
     reference = likelihood.log_variance(sensitivity, share, rho, float(np.log(sum(sizes[:2]))))
     return replace(noise, shape_probability=probability, std_ratio=np.exp(0.5 * (variance - reference)))
@@ -113,15 +113,20 @@ def expected_widening(sensitivity: Sequence[np.ndarray], directions: Sequence[np
         power[: len(used)] += used**2
     if not power.any():
         return 1.0
-    share, rho = np.array([(share, rho) for share in _SHARES for rho in _CORRELATIONS]).T[:, :, None]
-    cosines = np.cos(np.pi * np.arange(readings) / readings)
-    density = 1.0 - share + share * (1.0 - rho**2) / (1.0 - 2.0 * rho * cosines + rho**2)  # (shape, frequency)
+    share, rho = np.array(_GRID).T[:, :, None]
+    omega = np.pi * np.arange(readings) / readings
+    density = 1.0 - share + share * autoregression_spectrum(rho, omega)  # (shape, frequency)
     log_total = np.log((1.0 / density) @ weight / weight.sum())
     costs = np.log(density) @ weight + weight.sum() * log_total + (log_total / _PRIOR_STD) ** 2
-    probability = np.exp(-0.5 * (costs - costs.min()))
     ratio = np.sqrt(power.sum() / ((1.0 / density) @ power) * np.exp(log_total))
-    quantile = quantile_over_shapes(probability / probability.sum(), ratio, float(weight.sum()))
+    quantile = quantile_over_shapes(_probability(costs), ratio, float(weight.sum()))
     return quantile / float(scipy.special.ndtri(0.975))
+
+
+def _probability(costs: Float[np.ndarray, " shape"]) -> Float[np.ndarray, " shape"]:
+    """The probability of each shape of the noise, from `-2 log L`."""
+    likelihood = np.exp(-0.5 * (costs - costs.min()))
+    return likelihood / likelihood.sum()
 
 
 def _lowest_cosines(values: np.ndarray, count: int) -> np.ndarray:

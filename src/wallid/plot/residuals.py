@@ -18,6 +18,7 @@ from ..discrepancy.model_with_effects import face_impulse_response
 from ..discrepancy.problem import DiagnosisProblem
 from ..discrepancy.residual_tests import ResidualTests
 from ..discrepancy.result.diagnosis_result import Diagnosis
+from ..inference.noise_covariance import autoregression_spectrum
 from ..models.flux_plates import face_noise_of_model, fluxes_of
 from .house_style import GREY, axes_or_new, curve_style, line_style, marker_style, sensor_colour
 from .legends import legend_above, legend_below, root_figure, shortened, use_constrained_layout
@@ -188,8 +189,7 @@ def expected_cumulative_power(fit: EffectFit) -> np.ndarray:
     boundary_std, face_errors = face_noise_of_model(problem.case)
     response = np.fft.rfft(face_impulse_response(problem.model, fit.parameters), axis=1)[:, 1 : (rows + 1) // 2]
     omega = 2 * np.pi * np.arange(1, response.shape[1] + 1) / rows
-    rho = noise.correlation
-    spectrum = (1 - rho**2) / (1 - 2 * rho * np.cos(omega) + rho**2)
+    spectrum = autoregression_spectrum(noise.correlation, omega)
     gain = np.abs(response) ** 2
     face_variance = boundary_std**2 * gain.sum(axis=0)
     power = (noise.white + noise.autocorrelated * spectrum)[:, None] * (problem.noise_stds**2 + face_variance)

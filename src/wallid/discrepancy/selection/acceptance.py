@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -39,6 +39,17 @@ def bic_penalty(fit: EffectFit, effects: Iterable[EffectParameters]) -> float:
 def penalised_cost(fit: EffectFit) -> float:
     """`-2 log L` of a fit plus the penalty of its effects."""
     return fit.cost + bic_penalty(fit, fit.active)
+
+
+def gain_by_chance(threshold: Callable[[float], float], effects: int) -> float:
+    """The gain in `-2 log L` that chance alone gives to so many effects.
+
+    Args:
+        threshold: the gain that the best effect of the library exceeds by chance, by its probability.
+        effects: their number.
+    """
+    levels = (FIRST_EFFECT_LEVEL, *(FURTHER_EFFECT_LEVEL,) * effects)[:effects]
+    return sum(threshold(level) for level in levels)
 
 
 def reason_for_refusal(fit: EffectFit) -> str:

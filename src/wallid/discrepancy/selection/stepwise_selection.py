@@ -10,7 +10,14 @@ import numpy as np
 from ..cross_validation import effect_by_window, held_out, held_out_cost
 from ..effect_fit import EffectFit, refit
 from ..problem import EffectParameters
-from .acceptance import FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL, RIVAL, penalised_cost, reason_for_refusal
+from .acceptance import (
+    FIRST_EFFECT_LEVEL,
+    FURTHER_EFFECT_LEVEL,
+    RIVAL,
+    gain_by_chance,
+    penalised_cost,
+    reason_for_refusal,
+)
 from .candidate_fits import CandidateFits
 from .effect_results import NamedEffect
 from .score_test import (
@@ -75,7 +82,7 @@ class StepwiseSelection:
         def threshold(added: tuple[EffectParameters, ...]) -> float:
             if len(added) == 1:
                 return scores.threshold(FIRST_EFFECT_LEVEL, scores.weight_of(added[0]))
-            return scores.threshold(FIRST_EFFECT_LEVEL) + scores.threshold(FURTHER_EFFECT_LEVEL)
+            return gain_by_chance(scores.threshold, len(added))
 
         return self._best(plain, fits, threshold)
 
@@ -136,11 +143,10 @@ class StepwiseSelection:
         if not singles or self.fits.residual_tests(fit).p_value >= _PAIR_TEST_LEVEL:
             return fit
         of_plain = self.fits.score_candidates(self.fits.plain_model_with_noise_of(fit))
-        chance = np.cumsum([0.0, *(of_plain.threshold(p) for p in (FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL))])
 
         def price(one: EffectFit) -> float:
             """The penalised cost, with the gain that chance gives to as many effects."""
-            return penalised_cost(one) + float(chance[len(one.active)])
+            return penalised_cost(one) + gain_by_chance(of_plain.threshold, len(one.active))
 
         expected: dict[frozenset[EffectParameters], tuple[float, CandidateScores, int]] = {}
         for single in sorted(singles.values(), key=penalised_cost)[:_SINGLES]:

@@ -29,8 +29,9 @@ from ...case.wall_and_sensors import Sensor
 from ...inference.likelihood import LOG_CONDUCTIVITY
 from ...inference.noise_covariance import MAX_READINGS
 from ...inference.nuisance_parameters import CONDUCTIVITY_STD
-from ...inference.whittle_likelihood import expected_widening
+from ...inference.whittle_likelihood import expected_widening, projected_sensitivity
 from ...models.flux_plates import flux_readings
+from ..fisher_information import prior_information
 from ..information_contributions import Contribution, WindowContributions, parameter_columns, whitened
 from ..predicted_response import PredictedResponse, ResponseModel
 
@@ -137,19 +138,13 @@ class TypicalYear:
             return RelativeErrors(math.inf, math.inf, math.inf)
         each = [one for _, one in indexed]
         jacobian = whitened(each, contributions.whitening(indexed))
-        prior = np.diag((np.arange(jacobian.shape[1]) > 0).astype(float))
-        information = jacobian.T @ jacobian
-        widening = self._widening(jacobian, information + prior, each, days)
-        conductivity = parameter_columns(each).get((None, LOG_CONDUCTIVITY))
-        return _errors_of(information / widening**2 + prior, conductivity)
-
-    def _widening(self, jacobian: np.ndarray, matrix: np.ndarray, each: Sequence[Contribution], days: float) -> float:
-        """How much wider the interval of the diffusivity is because the noise is found out from the record."""
-        others = scipy.linalg.solve(matrix[1:, 1:], matrix[1:, 0], assume_a="pos")
+        prior = prior_information(jacobian.shape[1])
+        sensitivity = projected_sensitivity(np.concatenate([jacobian, prior]), jacobian)
         ends = np.cumsum([len(one.variance) for one in each])[:-1]
-        sensitivity = np.split(jacobian[:, 0] - jacobian[:, 1:] @ others, ends)
         readings = min(round(days * DAY / self.step), MAX_READINGS // len(each))
-        return expected_widening(sensitivity, np.split(jacobian, ends), readings)
+        widening = expected_widening(np.split(sensitivity, ends), np.split(jacobian, ends), readings)
+        conductivity = parameter_columns(each).get((None, LOG_CONDUCTIVITY))
+        return _errors_of(jacobian.T @ jacobian / widening**2 + prior, conductivity)
 
     def _of_length(self, rows: int, bin_rows: int) -> WindowContributions:
         key = (rows, bin_rows)

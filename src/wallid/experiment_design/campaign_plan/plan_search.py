@@ -138,7 +138,7 @@ def plan_campaign(campaign: PlannedCampaign, weather: WeatherYear, report: Progr
     instruments = _with_fewest_plates(search, start, sets[chosen])
     days = curves[chosen].enough(_ENOUGH, _FINE_ENOUGH)
     report("plan: comparing seasons", 0.8)
-    return _result(search, instruments, search.best_start(days, instruments), days, curves)
+    return _result(search, instruments, days, curves)
 
 
 def _with_fewest_plates(search: PlanSearch, start: int, instruments: Instruments) -> Instruments:
@@ -154,17 +154,15 @@ def _with_fewest_plates(search: PlanSearch, start: int, instruments: Instruments
     return single[best] if errors[best] <= _ENOUGH * both else instruments
 
 
-def _result(
-    search: PlanSearch, instruments: Instruments, start: int, days: float, curves: Sequence[Curve]
-) -> CampaignPlan:
-    """The plan of the chosen instruments, first day and length."""
+def _result(search: PlanSearch, instruments: Instruments, days: float, curves: Sequence[Curve]) -> CampaignPlan:
+    """The plan of the chosen instruments and length, from the best first day on."""
     campaign, settings = search.campaign, search.campaign.settings
     positions = tuple(float(_SHARES[k] * search.wall.length) for k in sorted(instruments.sensors))
     plates = tuple(settings.plates[k] for k in instruments.plates)
     season = Season(
-        tuple(day_of_year(int(row)) for row in search.starts),
-        search.season(days, instruments, search.years),
+        tuple(day_of_year(int(row)) for row in search.starts), search.season(days, instruments, search.years)
     )
+    start = int(np.argmin(season.errors[:, _MIDDLE]))
     case = typical_case(campaign, search.weather, search.wall.diffusivity_prior, positions, plates)
     window = Window(int(search.starts[start]), round(days * DAY / case.record.step))
     return CampaignPlan(
