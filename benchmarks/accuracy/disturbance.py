@@ -97,7 +97,12 @@ def case_of(kind: Kind, number: int, **choices: Any) -> Any:
 
 
 def slab_case(
-    step: float, faces: np.ndarray, inside: np.ndarray | None, through: np.ndarray | None, **choices: Any
+    step: float,
+    faces: np.ndarray,
+    inside: np.ndarray | None,
+    through: np.ndarray | None,
+    gain_std: float = GAIN_STD,
+    **choices: Any,
 ) -> Any:
     """Readings of the slab as a case, with some `[choices]`.
 
@@ -105,6 +110,7 @@ def slab_case(
         step: from row to row, s. faces: degC, `(time, 2)`.
         inside: of the sensors, degC, `(time, 2)`; None without them.
         through: of the plates, W/m2, `(time, 2)`; None without them.
+        gain_std: stated standard deviation of the plates' calibrations.
     """
     import wallid
     from wallid.case.options import Choices
@@ -114,7 +120,7 @@ def slab_case(
     record = wallid.Record(
         time, time, None, faces, np.empty((len(faces), 0)) if inside is None else inside, names,
         regressors={} if through is None else {"flux_left": through[:, 0], "flux_right": through[:, 1]},
-        boundary_noise_std=FACE_STD, flux_noise_std=FLUX_STD, flux_gain_std=GAIN_STD,
+        boundary_noise_std=FACE_STD, flux_noise_std=FLUX_STD, flux_gain_std=gain_std,
     )  # fmt: skip
     sensors = tuple(wallid.Sensor(n, LENGTH * x, noise_std=SENSOR_STD) for n, x in zip(names, PLACES, strict=False))
     wall = wallid.Wall(length=LENGTH, diffusivity_prior=7e-7, outside="right")

@@ -52,7 +52,7 @@ def contact_scores(case: Case, fit: GLSFit) -> dict[str, float]:
 
     without, small = readings((0.0, 0.0)), _SMALL * case.wall.length
     basis, _ = np.linalg.qr(fit.jacobian / np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300))
-    residual = np.concatenate([fit.noise.whitening @ np.asarray(fit.minimum.residual), -fit.z[1:]])
+    residual = np.concatenate([fit.noise.whitening @ np.asarray(fit.minimum.residual), -fit.deviation[1:]])
     scores = {}
     for face in plates:
         change = readings((small, 0.0) if face == "left" else (0.0, small)) - without

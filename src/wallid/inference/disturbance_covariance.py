@@ -156,6 +156,7 @@ def disturbed_readings(
     contacts: tuple[float, float] = (0.0, 0.0),
     wall: np.ndarray | None = None,
     spacing: int = 1,
+    gains: np.ndarray | None = None,
 ) -> DisturbedReadings:
     """How heat that the model does not know would change the readings, by the full-order model.
 
@@ -167,15 +168,17 @@ def disturbed_readings(
         contacts: length of wall with the resistance between each face and its sensor, m.
         wall: the wall's own parameters, in prior standard deviations.
         spacing: of the rows with readings.
+        gains: calibration error of each plate; None for exact plates.
     """
     scale, plates, temperature = scales(case), len(fluxes_of(case)), float(data.temperature)
+    of_plates = conductance * (np.ones(plates) if gains is None else 1.0 + gains)
     return DisturbedReadings(
         system=full_order_model_with_plates(case, wall, contacts=contacts, heat=HEAT_PROFILES),
         fourier=float(scale.fourier_number(diffusivity)),
         step=float(data.step) * spacing,
         reference_time=scale.time,
         temperature=temperature,
-        scale=np.array([temperature] * len(case.sensors) + [temperature * conductance] * plates),
+        scale=temperature * np.concatenate([np.ones(len(case.sensors)), of_plates]),
         heating=diffusivity / (conductance * case.wall.length**2) if plates else 0.0,
         in_flux=plates > 0,
     )

@@ -31,7 +31,7 @@ from .disturbance_covariance import HEAT_PROFILES, DisturbedReadings, disturbed_
 from .disturbance_search import Disturbance
 from .gls_fit import GLSFit
 from .kalman_filter import Filtered, LinearGaussianModel, Smoothed, covariance_root, kalman_filter, kalman_smoother
-from .likelihood import LOG_CONDUCTIVITY, predicted_jacobian
+from .likelihood import LOG_CONDUCTIVITY, PLATE_GAIN, predicted_jacobian
 from .noise_covariance import variance_of_mean
 from .nuisance_kinds import ContactResistances, WallParameters, contact_lengths
 
@@ -146,7 +146,7 @@ def fitted_readings(case: Case, fit: GLSFit) -> FittedReadings:
     """The readings of a fit, with what was fitted."""
     data = fit.problem.data
     noise = fit.noise if fit.disturbance is not None else fit.robust or fit.noise  # robust noise holds the heat too
-    prior_std, deviation = np.ones(len(fit.z)), fit.z.copy()
+    prior_std, deviation = np.ones(len(fit.z)), fit.deviation.copy()
     prior_std[0], deviation[0] = _UNKNOWN_STD, 0.0
     return FittedReadings(
         sensor_std=fit.noise_shape.sensor_std,
@@ -224,7 +224,10 @@ def readings_at(case: Case, fit: GLSFit) -> DisturbedReadings:
         contacts = contact_lengths(reference * case.wall.length, names, np.asarray(parameters.vector(names)))
     names = parameters.of_kind(WallParameters.kind)
     wall = np.asarray(parameters.vector(names)) / np.asarray(parameters.prior_std)[parameters.indices(names)]
-    return disturbed_readings(case, data, fit.diffusivity, conductance=conductance, contacts=contacts, wall=wall)
+    gains = np.asarray(parameters.vector(parameters.of_kind(PLATE_GAIN)))
+    return disturbed_readings(
+        case, data, fit.diffusivity, conductance=conductance, contacts=contacts, wall=wall, gains=gains
+    )
 
 
 def _second_order(autocovariance: np.ndarray) -> list[float]:

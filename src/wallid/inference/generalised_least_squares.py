@@ -14,6 +14,7 @@ from .._internal.arrays import on_device
 from ..case.case_definition import Case
 from ..case.initial_profile import scales
 from ..case.time_window import Window
+from ..case.wall_and_sensors import SIDES
 from ..models.flux_plates import (
     face_noise_of_model,
     flux_noise_std,
@@ -30,8 +31,9 @@ from ..models.window_inputs import WindowData
 from .contact_test import SIGNIFICANT, contact_scores
 from .disturbance_covariance import DisturbedReadings, disturbed_readings
 from .disturbance_search import EVIDENCE, Disturbance, RestrictedLikelihood, find_disturbance, search_bins
+from .gains_by_heat import gains_by_heat
 from .gls_fit import GLSFit
-from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, LikelihoodProblem, face_response, minimise
+from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, PLATE_GAIN, LikelihoodProblem, face_response, minimise
 from .noise_covariance import BinnedReadings, NoiseCovariance, NoiseShape, bin_readings
 from .noise_of_record import noise_shape_of_record
 from .nuisance_kinds import (
@@ -51,6 +53,7 @@ _MAX_ITERATIONS = 4
 _MAX_WALL_ITERATIONS = 15  # with estimated wall parameters: each iteration builds the model again
 _SEARCHES = 2  # for a disturbance, in the iterations after the first; later ones keep its size and time constant
 _CONVERGED = 0.1  # standard errors: the iteration ends when the estimate changes by less
+_MOVED = 1.0  # standard errors: after a larger change a disturbance is searched for again
 
 
 def fit_generalised_least_squares(
@@ -152,9 +155,10 @@ class _IteratedGLS:
             if wall_names:
                 system = full_order = full_order_model_with_plates(self.case, point.wall)
             fit = self.iterate(system, full_order, point, fit)
-            change = abs(math.log(fit.diffusivity / point.diffusivity)) if math.isfinite(fit.diffusivity) else math.inf
+            change = fit.change
             converged = change < _CONVERGED * fit.log_std and _converged(fit, parameters, bent)
-            if not math.isfinite(change) or (fit.iterations > 1 and converged):
+            fewest = 1 if fit.disturbance is None else _SEARCHES  # the first search is beside a fit that takes the heat
+            if not math.isfinite(change) or (fit.iterations > fewest and converged):
                 break
             parameters = fit.parameters
             if bent:  # the model is linear about the last values: a step is one prior standard deviation at most
@@ -231,9 +235,12 @@ class _IteratedGLS:
             start=on_device(start),
             lowest=on_device(self.bounds[0]),
             highest=on_device(self.bounds[1]),
+            prior_mean=jnp.zeros(len(parameters)),
             explicit_theta=self.explicit_theta,
             integrator=self.integrator,
         )
+        if disturbance is not None and last is not None:
+            problem = _with_heat_in_gains(problem, noise, shape, np.asarray(last.minimum.residual))
         first = on_device(problem.to_vector(parameters))
         minimum = minimise(problem, first, on_device(self.eta), case.choices.max_iterations)
         chi_square = float(minimum.cost) / self.degrees_of_freedom if last is None else last.reduced_chi_square
@@ -248,6 +255,7 @@ class _IteratedGLS:
         return disturbed_readings(
             self.case, self.data, point.diffusivity,
             conductance=conductance, contacts=self._contacts(point), wall=point.wall, spacing=self.spacing,
+            gains=point.gains,
         )  # fmt: skip
 
     def _disturbance(
@@ -261,10 +269,10 @@ class _IteratedGLS:
     ) -> Disturbance | None:
         """The disturbance found in the residual of the last iteration; None where it is not asked for."""
         found = last.disturbance
-        if last.iterations <= _SEARCHES:
+        if last.iterations <= _SEARCHES or last.change > _MOVED * last.log_std:
             shape = self._noise_shape(system, point, conductance, search_bins(self.bins))
             likelihood = RestrictedLikelihood.of_coarser_bins(
-                shape, last.noise_shape.bins, np.asarray(last.minimum.residual), last.readings_jacobian, last.z
+                shape, last.noise_shape.bins, np.asarray(last.minimum.residual), last.readings_jacobian, last.deviation
             )
             # a plate's own noise has no memory of hours
             without = None if readings.in_flux else noise
@@ -290,6 +298,22 @@ class _IteratedGLS:
         sensor_std = np.array([sensor.noise_std for sensor in case.sensors] + [flux_noise_std(case)] * plates)
         face_std, errors = face_noise_of_model(case)
         return noise_shape_of_record(self.record, response, bins, self.spacing, sensor_std, face_std, errors)
+
+
+def _with_heat_in_gains(
+    problem: LikelihoodProblem, noise: NoiseCovariance, shape: NoiseShape, residual: np.ndarray
+) -> LikelihoodProblem:
+    """A problem with what a disturbance tells about the gains of two plates; unchanged without two plates."""
+    plates = problem.parameters.indices(problem.parameters.of_kind(PLATE_GAIN))
+    if len(plates) < len(SIDES):
+        return problem
+    gains, std = np.asarray(problem.nuisance.gains), np.asarray(problem.parameters.prior_std)[plates]
+    by_heat = gains_by_heat(noise, shape, residual, gains, std, problem.data.observed.shape[0])
+    return replace(
+        problem,
+        nuisance=replace(problem.nuisance, heat_by_gain=by_heat.columns),
+        prior_mean=problem.prior_mean.at[plates].set(by_heat.prior_mean),
+    )
 
 
 def _converged(fit: GLSFit, before: Parameters, names: Sequence[str]) -> bool:

@@ -87,6 +87,11 @@ class GLSFit:
         return np.asarray(self.minimum.vector)[self.estimated_indices]
 
     @cached_property
+    def deviation(self) -> np.ndarray:
+        """The parameters minus the means of their priors, in prior standard deviations; ln(alpha/start) first."""
+        return self.z - np.asarray(self.problem.prior_mean)[self.estimated_indices]
+
+    @cached_property
     def readings_jacobian(self) -> np.ndarray:
         """Jacobian of the binned readings, K, `(reading, param)`."""
         return np.asarray(self.minimum.jacobian)[:, self.estimated_indices]
@@ -170,7 +175,8 @@ class GLSFit:
         directions = np.pad(directions, ((0, len(self.names) - 1), (0, 0)))
         directions = directions - basis @ (basis.T @ directions)
         readings = len(self.noise.whitening)
-        score = directions.T @ np.concatenate([self.noise.whitening @ np.asarray(self.minimum.residual), -self.z[1:]])
+        residual = self.noise.whitening @ np.asarray(self.minimum.residual)
+        score = directions.T @ np.concatenate([residual, -self.deviation[1:]])
         K, priors = directions[:readings].T @ self.noise.whitening, directions[readings:]
         score_covariance = K @ self.readings_covariance @ K.T + priors.T @ priors
         statistic = float(score @ np.linalg.lstsq(score_covariance, score, rcond=1e-9)[0]) / _MODULATIONS
@@ -194,6 +200,12 @@ class GLSFit:
         """Standard error of ln(alpha)."""
         variance = float(self.covariance[0, 0])
         return math.sqrt(variance) if 0.0 < variance < math.inf else math.inf
+
+    @property
+    def change(self) -> float:
+        """How far ln(alpha) is from the point about which the problem was linear; infinite where it is not finite."""
+        change = abs(self.log_alpha - float(self.problem.nuisance.log_alpha))
+        return change if math.isfinite(change) else math.inf
 
     @property
     def quantile(self) -> float:

@@ -1,11 +1,12 @@
 """The likelihood of the readings under their full covariance: its minimum, its profile, and new draws from it.
 
-    -2 log L(y) = |W (m - M(y))|^2 + |z|^2,      y = (ln(alpha/alpha_0), z),      W' W = R^-1
+    -2 log L(y) = |W (m - M(y))|^2 + |z - z_0|^2,      y = (ln(alpha/alpha_0), z),      W' W = R^-1
 
 `m` are the readings (means over bins where they are many), `M` the model's predictions, `R` their covariance
 (`noise_covariance`) and `z` the nuisance parameters, each divided by the standard deviation of its prior: offsets,
 position errors, the wall's own parameters, the share of the faces' noise that all sensors of one logger have in common,
-and the amplitudes of the initial profile along the wall's slowest modes. All of them are named (`parameters`).
+and the amplitudes of the initial profile along the wall's slowest modes. All of them are named (`parameters`). `z_0` is
+0, but for the calibrations of two plates beside a disturbance (`gains_by_heat`).
 """
 
 from __future__ import annotations
@@ -45,6 +46,8 @@ class NuisanceModel(eqx.Module):
         log_alpha: ln(alpha_k / start).
         rates, shapes: of the wall's slowest modes: `f_k` in `x_k' = Fo f_k x_k`, and the mode shape at the sensors, 1.
         flux: W/m2 for each unit of the model's flux output, at the reference conductivity; empty without plates.
+        gains: calibration error of each plate at that point.
+        heat_by_gain: change of the plates' readings by a disturbance for a gain of 1 of each, W/m2 (`gains_by_heat`).
     """
 
     columns: Float[Array, "param time sensor"] = eqx.field(converter=on_device)
@@ -54,7 +57,9 @@ class NuisanceModel(eqx.Module):
     log_alpha: Float[Array, ""] = eqx.field(converter=on_device)
     rates: Float[Array, " mode"] = eqx.field(converter=on_device)
     shapes: Float[Array, "sensor mode"] = eqx.field(converter=on_device)
-    flux: Float[Array, " flux"] = eqx.field(converter=on_device, default=())
+    flux: Float[Array, " flux"] = eqx.field(converter=on_device)
+    gains: Float[Array, " flux"] = eqx.field(converter=on_device)
+    heat_by_gain: Float[Array, "flux time flux"] = eqx.field(converter=on_device)
 
     @property
     def fluxes(self) -> int:
@@ -73,6 +78,7 @@ class LikelihoodProblem(eqx.Module):
         fourier_per_alpha: the Fourier number for 1 m2/s.
         start: alpha_0, m2/s.
         lowest, highest: bounds of the diffusivity, m2/s.
+        prior_mean: of `z`; the first entry is without meaning.
     """
 
     system: StateSpace
@@ -86,6 +92,7 @@ class LikelihoodProblem(eqx.Module):
     start: Float[Array, ""]
     lowest: Float[Array, ""]
     highest: Float[Array, ""]
+    prior_mean: Float[Array, " param"]
     explicit_theta: bool = eqx.field(static=True, default=True)
     integrator: Integrator = eqx.field(static=True, default="propagator")
 
@@ -127,6 +134,7 @@ class LikelihoodProblem(eqx.Module):
         sensors = u.shape[1] - nuisance.fluxes
         temperatures = data.celsius(u[:, :sensors]) + change[:, :sensors] + profile[:, :sensors]
         fluxes = self.flux_scale(y) * (u + (profile + change) / data.temperature)[:, sensors:]
+        fluxes = fluxes + jnp.tensordot(self.values_of(y, PLATE_GAIN) - nuisance.gains, nuisance.heat_by_gain, 1)
         return jnp.concatenate([temperatures, fluxes], axis=1)
 
     def flux_scale(self, y: Float[Array, " param"]) -> Float[Array, " flux"]:
@@ -142,7 +150,7 @@ class LikelihoodProblem(eqx.Module):
 
     def residual(self, y: Float[Array, " param"]) -> tuple[Float[Array, " row"], None]:
         """The whitened residual, then the prior residuals; and no further values."""
-        return jnp.concatenate([self.whitening @ (self.binned(y)[0] - self.observed), y[1:]]), None
+        return jnp.concatenate([self.whitening @ (self.binned(y)[0] - self.observed), (y - self.prior_mean)[1:]]), None
 
 
 class Minimum(eqx.Module):
@@ -247,7 +255,7 @@ def bootstrap_estimates(
     """ln(alpha/start) estimated from readings drawn from the fitted model.
 
     Each draw has noise of the covariance, and instrument errors drawn from their priors. All other parameters are those
-    of the fit.
+    of the fit. A drawn disturbance has nothing to do with the fitted one, so the priors have the mean 0.
 
     Args:
         vector: `y` of the fit.
@@ -262,7 +270,8 @@ def bootstrap_estimates(
         truth = jnp.where(drawn_from_prior, jax.random.normal(error_key, vector.shape), vector)
         observed = problem.binned(truth)[0] + covariance_root @ jax.random.normal(noise_key, problem.observed.shape)
         present = problem.bins.counts().T.reshape(-1) > 0
-        drawn = eqx.tree_at(lambda p: p.observed, problem, jnp.where(present, observed, 0.0))
+        new = jnp.where(present, observed, 0.0), jnp.zeros_like(vector)
+        drawn = eqx.tree_at(lambda p: (p.observed, p.prior_mean), problem, new)
         return search(drawn, vector, jnp.asarray(_BOOTSTRAP_ETA), _BOOTSTRAP_STEPS).value[0]
 
     return jax.lax.map(estimate, jax.random.split(key, draws))

@@ -26,6 +26,7 @@ from ..models.sensitivity_equations import simulate_window
 from ..models.wall_parameters import free_wall_parameters, prior_std_of
 from ..models.window_inputs import WindowData
 from .common_noise import common_noise_of_face
+from .likelihood import PLATE_GAIN
 from .parameters import Parameter, Parameters, target_of
 from .position_errors import face_position_response, sensor_position_response
 from .sensor_heights import (
@@ -81,6 +82,11 @@ class Linearisation:
     def wall(self) -> np.ndarray:
         """The estimates of the wall's own parameters so far, over their prior standard deviations."""
         return self.in_prior_std(self.parameters.of_kind(WallParameters.kind))
+
+    @property
+    def gains(self) -> np.ndarray:
+        """The estimate of each plate's calibration error so far."""
+        return np.asarray(self.parameters.vector(self.parameters.of_kind(PLATE_GAIN)))
 
     @cached_property
     def height_components(self) -> dict[int, HeightComponents]:

@@ -85,7 +85,7 @@ def linearise_nuisance(
     """
     case, parameters = point.case, point.parameters
     effects = [kind.effect(names, point) for kind in kinds if (names := parameters.of_kind(kind.kind))]
-    modes = len(parameters.of_kind(PROFILE_MODE))
+    modes, plates = len(parameters.of_kind(PROFILE_MODE)), len(fluxes_of(case))
     change, slope = np.zeros((2, *point.shape))
     for effect in effects:
         change, slope = change + effect.change, slope + effect.change_slope
@@ -97,5 +97,7 @@ def linearise_nuisance(
         log_alpha=math.log(point.diffusivity / case.wall.diffusivity_prior),
         rates=np.asarray(model.A)[::-1][:modes],
         shapes=np.asarray(model.C)[:, ::-1][:, :modes],
-        flux=np.full(len(fluxes_of(case)), conductivity / case.wall.length * float(point.data.temperature)),
+        flux=np.full(plates, conductivity / case.wall.length * float(point.data.temperature)),
+        gains=point.gains,
+        heat_by_gain=np.zeros((plates, point.shape[0], plates)),
     )

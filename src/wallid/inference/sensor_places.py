@@ -131,7 +131,7 @@ def _costs(case: Case, fit: GLSFit, number: int, sensor: Sensor) -> np.ndarray:
     moves = np.stack([np.asarray(bins.mean(on_device(one))) for one in rows], axis=1)
     # the residual at the mean over the heights: the components' part is put back
     residual = np.asarray(fit.minimum.residual) + fit.readings_jacobian[:, own] @ fit.z[own]
-    base = projected(residual[:, None], -fit.z[kept][1:])
+    base = projected(residual[:, None], -fit.deviation[kept][1:])
     return np.sum((base - projected(moves, np.zeros(count - 1))) ** 2, axis=0)
 
 
