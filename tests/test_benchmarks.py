@@ -13,11 +13,15 @@ import numpy as np
 import pandas as pd
 import pytest
 from benchmarks.accuracy.campaign_plans import house as house_of_plan
+from benchmarks.accuracy.discrepancy.scenarios import noise_covariance
+from benchmarks.accuracy.plate_visibility import Visibility, with_signal_to_noise
+from benchmarks.reference.analytic_slab import fluxes, temperatures
 from benchmarks.reference.c_recurrence import compiled
 from benchmarks.reference.house_in_weather import FINE, simulated
 from benchmarks.reference.integrators import by_lsim
 from benchmarks.reference.model_reduction import response_of_rows, section_by_pymor
 from benchmarks.reference.section_full_order import FullOrderModel
+from benchmarks.reference.simulator_with_effects import Spec
 from benchmarks.speed import __main__ as program
 from benchmarks.speed.__main__ import WORKS
 from benchmarks.speed.measure import FEWEST, AbsentError, Measured, Prepared, measuring, prepared_here
@@ -61,6 +65,43 @@ def test_the_c_recurrence_is_scipys_lsim():
         np.testing.assert_allclose(field, at(fourier), atol=1e-11)
         near = at(fourier + 1e-5) - at(fourier - 1e-5)
         np.testing.assert_allclose(slope, near / 2e-5, atol=1e-5 * np.abs(slope).max())
+
+
+def test_the_noise_of_plates_is_that_of_noisy_faces():
+    """Variance and correlations over 40000 rows of faces with noise, by the sine series."""
+    spec = replace(
+        Spec(length=0.2, step=1800.0, days=3.0, positions=(0.05,), rounding=0.0),
+        plates=("right", "left"), noise_std=1e-3, flux_noise_std=0.5,
+    )  # fmt: skip
+    covariance, rows, rng = noise_covariance(spec, spec.diffusivity, 2), spec.rows // 2, np.random.default_rng(0)
+    faces = spec.boundary_noise_std * rng.standard_normal((40000, 2))
+    rate = spec.diffusivity / spec.length**2
+    by_faces = spec.conductivity / spec.length * fluxes(faces, spec.step, rate)[:, ::-1]
+    inside = temperatures(faces, spec.step, np.array([0.25]), rate)
+    readings = np.hstack([inside, by_faces + 0.5 * rng.standard_normal(by_faces.shape)])[4000:]
+    means = readings.reshape(-1, 2, 3).mean(axis=1)
+    for lag in range(3):
+        found = means[lag:].T @ means[: len(means) - lag] / (len(means) - lag)
+        expected = covariance.reshape(3, rows, 3, rows)[:, lag, :, 0]
+        size = np.sqrt(np.diag(covariance.reshape(3, rows, 3, rows)[:, 0, :, 0]))
+        np.testing.assert_allclose(found / np.outer(size, size), expected / np.outer(size, size), atol=0.03)
+
+
+def test_a_hidden_offset_of_a_plate_is_as_clear_as_asked():
+    """Its signal-to-noise is in proportion to it; without other unknowns it would be the offset over its noise."""
+    spec = Spec(
+        days=4.0,
+        step=1800.0,
+        positions=(),
+        plates=("left", "right"),
+        effects=[("plate_offset", "left", {"offset": -1})],
+    )
+    sized = with_signal_to_noise(spec, "offset", 400.0)
+    offset = sized.effects[0].parameters["offset"]
+    visibility = Visibility(spec)
+    assert visibility.of(sized) == pytest.approx(400.0, rel=1e-2) and offset < 0
+    assert visibility.of(spec) == pytest.approx(visibility.of(sized) / offset**2, rel=1e-3)
+    assert visibility.of(spec) < (1.0 / spec.flux_noise_std) ** 2 * spec.rows
 
 
 def test_lsim_with_theta_is_lsims_own_difference():

@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import cholesky, solve_triangular
 from scipy.signal import lfilter
 
+from benchmarks.reference.analytic_slab import fluxes
 from benchmarks.reference.simulator_with_effects import (
     DAY,
     EFFECTS,
@@ -444,35 +445,42 @@ def _spectrum(kind: str, turn: np.ndarray) -> np.ndarray:
 
 
 def noise_covariance(spec: Spec, diffusivity: float, many: int) -> np.ndarray:
-    """Of the readings' means over `many` rows, K^2: sensors' noise, and the faces' through the wall.
+    """Of the readings' means over `many` rows, K^2 (W/m2 of a plate): their own noise, and the faces' through the wall.
 
     Stationary, from spectra: a face's noise, linear from row to row, goes through the slab's frequency response
     sinh(q (L - x)) / sinh(q L), q = sqrt(i omega / alpha); what it did before the first row is in the initial
-    profile. Rounding adds its variance, white.
+    profile. A plate's response to a face is that of the sine series. Rounding of temperatures adds its variance, white.
     """
     count = spec.rows // many
     size = 2 ** int(np.ceil(np.log2(4 * spec.rows)))
     turn = 2 * np.pi * np.fft.fftfreq(size)
     turn[0] = 1e-9
     x = np.array(spec.positions)[:, None]
-    response = np.zeros((2, len(spec.positions), size), complex)
+    response = np.zeros((2, len(spec.positions) + len(spec.plates), size), complex)
     for alias in range(-2, 3):
         omega = (turn + 2 * np.pi * alias) / spec.step
         q = np.sqrt(1j * omega / diffusivity)
         hold = np.sinc((turn + 2 * np.pi * alias) / (2 * np.pi)) ** 2
         for side, far in enumerate((x, spec.length - x)):
             decay = np.exp(-q * far) - np.exp(-q * (2 * spec.length - far))
-            response[side] += hold * decay / (1 - np.exp(-2 * q * spec.length))
+            response[side, : len(x)] += hold * decay / (1 - np.exp(-2 * q * spec.length))
+    for side, pulse in enumerate(np.eye(2)):
+        faces = np.zeros((size, 2))
+        faces[1] = pulse
+        flux = spec.conductivity / spec.length * fluxes(faces, spec.step, diffusivity / spec.length**2)
+        one_row_later = np.fft.fft(flux[:, [("left", "right").index(plate) for plate in spec.plates]].T, axis=1)
+        response[side, len(x) :] = one_row_later * np.exp(1j * turn)
     coloured, rounding = _spectrum(spec.noise, turn), spec.rounding**2 / 12
     at_face = spec.boundary_noise_std**2 * coloured + rounding
-    at_sensor = spec.noise_std**2 * coloured + rounding
+    at_reading = [spec.noise_std**2 * coloured + rounding] * len(spec.positions)
+    at_reading += [spec.flux_noise_std**2 * coloured] * len(spec.plates)
     mean = np.abs(np.exp(1j * np.outer(np.arange(many), turn)).mean(axis=0)) ** 2
     lag = (np.arange(count)[:, None] - np.arange(count)) * many
-    sensors = len(spec.positions)
-    covariance = np.empty((sensors * count, sensors * count))
-    for a in range(sensors):
+    readings = len(at_reading)
+    covariance = np.empty((readings * count, readings * count))
+    for a in range(readings):
         for b in range(a + 1):
-            power = (response[:, a] * response[:, b].conj()).sum(axis=0) * at_face + (a == b) * at_sensor
+            power = (response[:, a] * response[:, b].conj()).sum(axis=0) * at_face + (a == b) * at_reading[a]
             block = np.fft.ifft(power * mean).real[lag]
             covariance[a * count : (a + 1) * count, b * count : (b + 1) * count] = block
             covariance[b * count : (b + 1) * count, a * count : (a + 1) * count] = block.T
