@@ -58,11 +58,13 @@ class UnexplainedHeat:
     def _disturbed(self, spacing: int) -> DisturbedReadings:
         """How heat changes the readings at every `spacing`-th row."""
         case, window = self.fit.problem.case, self._window
-        terms = self.fit.problem.model.terms(self.fit.parameters, linear=True)
+        model = self.fit.problem.model
+        terms = model.terms(self.fit.parameters, linear=True)
         return disturbed_readings(
             case, with_filtered_faces(case, window, with_flux(case, window, window_data(case, window))),
             self.fit.diffusivity, conductance=float(terms.conductivity) / case.wall.length,
             contacts=tuple(terms.film_lengths.tolist()), spacing=spacing,
+            gains=np.asarray(terms.plate_gain)[list(model.forcing.plates)],
         )  # fmt: skip
 
     @cached_property
