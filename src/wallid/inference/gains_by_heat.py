@@ -58,10 +58,12 @@ def gains_by_heat(
     assert noise.disturbance is not None
     assert len(gains) == 2
     present = shape.has_reading
-    heat = (noise.disturbance * np.outer(present, present)) @ noise.whitening.T @ noise.whitening  # S R^-1
+    W = noise.whitening  # W' W = R^-1
+    S_W = (noise.disturbance * np.outer(present, present)) @ W.T
+    flux, trace_of_readings = S_W @ (W @ (residual * present)), np.einsum("ij,ji->i", S_W, W)
     of_plates = (shape.sensor_count, shape.bin_count)
-    course = (heat @ (residual * present)).reshape(of_plates)[-2:] / (1.0 + gains)[:, None]
-    trace = np.diag(heat).reshape(of_plates)[-2:].sum(axis=1) / (1.0 + gains)
+    course = flux.reshape(of_plates)[-2:] / (1.0 + gains)[:, None]
+    trace = trace_of_readings.reshape(of_plates)[-2:].sum(axis=1) / (1.0 + gains)
     left, right = np.repeat(course, shape.rows_per_bin, axis=1)[:, :rows]
     one = 0.5 * np.stack([left, -right], axis=1)
     half = 0.5 * (trace[0] - trace[1])
