@@ -157,7 +157,7 @@ class _IteratedGLS:
             fit = self.iterate(system, full_order, point, fit)
             change = fit.change
             converged = change < _CONVERGED * fit.log_std and _converged(fit, parameters, bent)
-            fewest = 1 if fit.disturbance is None else _SEARCHES  # the first search is beside a fit that takes the heat
+            fewest = 1 if fit.disturbance is None else _SEARCHES  # the first search is of a fit without one
             if not math.isfinite(change) or (fit.iterations > fewest and converged):
                 break
             parameters = fit.parameters
