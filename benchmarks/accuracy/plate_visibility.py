@@ -12,12 +12,10 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import brentq
 
-from benchmarks.accuracy.discrepancy.scenarios import noise_covariance
+from benchmarks.accuracy.discrepancy.scenarios import MODES, PROFILE_STD, READINGS, averaged, noise_covariance
 from benchmarks.reference.simulator_with_effects import Spec, clean
 
-MODES, PROFILE_STD = 8, 3.0  # of the initial profile; K, the prior of each
-_READINGS = 2100  # at most, after averaging neighbouring rows
-_STEP = 0.01  # of ln(diffusivity); of a position over its standard deviation it is 1
+_STEP = 0.01  # of ln(diffusivity), for its derivative
 
 
 class Visibility:
@@ -29,7 +27,7 @@ class Visibility:
 
     def __init__(self, spec: Spec):
         self.spec = spec = replace(spec, effects=(), misplaced=False)
-        self.many = math.ceil(spec.rows * (len(spec.positions) + len(spec.plates)) / _READINGS)
+        self.many = math.ceil(spec.rows * (len(spec.positions) + len(spec.plates)) / READINGS)
         self.factor = cholesky(noise_covariance(spec, spec.diffusivity, self.many), lower=True)
         self.plain = self._readings(spec)
         columns, prior_std = self._nuisance()
@@ -66,10 +64,8 @@ class Visibility:
 
     def _white(self, columns: np.ndarray) -> np.ndarray:
         """Whitened means over rows, reading after reading, of (row, reading, column)."""
-        whole = columns[: len(columns) // self.many * self.many]
-        means = whole.reshape(-1, self.many, *columns.shape[1:]).mean(axis=1)
-        flat = means.transpose(1, 0, 2).reshape(-1, columns.shape[2])
-        return solve_triangular(self.factor, flat, lower=True)
+        means = [averaged(one, self.many) for one in np.moveaxis(columns, -1, 0)]
+        return solve_triangular(self.factor, np.transpose(means), lower=True)
 
     def of(self, spec: Spec) -> float:
         """The squared signal-to-noise of the effects of the same record."""

@@ -228,9 +228,9 @@ _SIZES = {
 _POSITIVE = {
     "sensor_lag", "face_lag", "face_depth", "surface_film", "contact_resistance", "phase_change", "lateral_loss",
 }  # fmt: skip
-_READINGS = 2100  # at most, after averaging neighbouring rows; the covariance is dense
-_MODES = 8  # of the initial profile
-_PROFILE_STD = 3.0  # K, prior of each
+READINGS = 2100  # at most, after averaging neighbouring rows; the covariance is dense
+MODES = 8  # of the initial profile
+PROFILE_STD = 3.0  # K, prior of each
 _CELLS = 64
 
 
@@ -312,7 +312,7 @@ class _Plain:
 
     def free(self):
         """Derivatives to the logarithm of the diffusivity and to the sine modes of the initial profile."""
-        n = np.arange(1, _MODES + 1)[:, None, None] * np.pi / self.spec.length
+        n = np.arange(1, MODES + 1)[:, None, None] * np.pi / self.spec.length
         fading = np.exp(-self.alpha * n**2 * self.time[None, :: self.stride, None])
         return [self.response(self.warming), *(np.sin(n * np.array(self.spec.positions)) * fading)]
 
@@ -430,7 +430,7 @@ def _rivals(spec: Spec, plain: _Plain):
     yield "air_flow", None, {}
 
 
-def _averaged(rows: np.ndarray, many: int) -> np.ndarray:
+def averaged(rows: np.ndarray, many: int) -> np.ndarray:
     """Means of `many` rows, sensor after sensor, (sensor x mean,)."""
     whole = rows[: len(rows) // many * many]
     return whole.reshape(-1, many, rows.shape[1]).mean(axis=1).T.ravel()
@@ -464,7 +464,7 @@ def noise_covariance(spec: Spec, diffusivity: float, many: int) -> np.ndarray:
         for side, far in enumerate((x, spec.length - x)):
             decay = np.exp(-q * far) - np.exp(-q * (2 * spec.length - far))
             response[side, : len(x)] += hold * decay / (1 - np.exp(-2 * q * spec.length))
-    for side, pulse in enumerate(np.eye(2)):
+    for side, pulse in enumerate(np.eye(2) if spec.plates else ()):
         faces = np.zeros((size, 2))
         faces[1] = pulse
         flux = spec.conductivity / spec.length * fluxes(faces, spec.step, diffusivity / spec.length**2)
@@ -493,7 +493,7 @@ class _Judge:
     def __init__(self, spec: Spec):
         spec = replace(spec, misplaced=False)
         self.spec, self.known = spec, clean(spec)
-        self.many = int(np.ceil(spec.rows * len(spec.positions) / _READINGS))
+        self.many = int(np.ceil(spec.rows * len(spec.positions) / READINGS))
         self.data = self.known["readings"][:, 2:]
         start = self.known["diffusivity"]
         self.factor = cholesky(noise_covariance(spec, start, self.many), lower=True)
@@ -517,20 +517,20 @@ class _Judge:
 
     def white(self, rows):
         """Whitened means, with zeros for the priors."""
-        means = solve_triangular(self.factor, _averaged(rows, self.many), lower=True, check_finite=False)
-        return np.concatenate([means, np.zeros(_MODES + 2 * len(self.spec.positions))])
+        means = solve_triangular(self.factor, averaged(rows, self.many), lower=True, check_finite=False)
+        return np.concatenate([means, np.zeros(MODES + 2 * len(self.spec.positions))])
 
     def _free(self, plain):
         """Diffusivity, initial profile, positions and offsets, with a row for each prior."""
         sensors = len(self.spec.positions)
         columns = [self.white(column) for column in plain.free()]
-        stds = [np.inf] + [_PROFILE_STD] * _MODES
+        stds = [np.inf] + [PROFILE_STD] * MODES
         for kind, std in (("sensor_position", self.spec.position_std), ("sensor_offset", self.spec.offset_std)):
             for name in self.spec.names if std > 0 else ():
                 columns.append(self.white(plain.derivative(kind, name, {})))
                 stds.append(std)
         columns = np.array(columns).T
-        first = len(columns) - _MODES - 2 * sensors
+        first = len(columns) - MODES - 2 * sensors
         for number, std in enumerate(stds[1:], start=1):
             columns[first + number - 1, number] = 1 / std
         return columns

@@ -52,11 +52,10 @@ def contact_scores(case: Case, fit: GLSFit) -> dict[str, float]:
 
     without, small = readings((0.0, 0.0)), _SMALL * case.wall.length
     basis, _ = np.linalg.qr(fit.jacobian / np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300))
-    residual = np.concatenate([fit.noise.whitening @ np.asarray(fit.minimum.residual), -fit.deviation[1:]])
     scores = {}
     for face in plates:
         change = readings((small, 0.0) if face == "left" else (0.0, small)) - without
         column = np.concatenate([fit.noise.whitening @ change, np.zeros(len(fit.z) - 1)])
         column = column - basis @ (basis.T @ column)
-        scores[face] = float(column @ residual / max(np.linalg.norm(column), 1e-300))
+        scores[face] = float(column @ fit.whitened_residual / max(np.linalg.norm(column), 1e-300))
     return scores

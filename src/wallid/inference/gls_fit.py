@@ -103,6 +103,11 @@ class GLSFit:
         return np.concatenate([self.noise.whitening @ self.readings_jacobian, np.eye(count - 1, count, 1)])
 
     @cached_property
+    def whitened_residual(self) -> np.ndarray:
+        """Measured minus predicted, whitened, then the prior residuals: the rows of `jacobian`."""
+        return np.concatenate([self.noise.whitening @ np.asarray(self.minimum.residual), -self.deviation[1:]])
+
+    @cached_property
     def finite(self) -> bool:
         """Whether the Jacobian is finite."""
         return bool(np.all(np.isfinite(self.jacobian)))
@@ -175,8 +180,7 @@ class GLSFit:
         directions = np.pad(directions, ((0, len(self.names) - 1), (0, 0)))
         directions = directions - basis @ (basis.T @ directions)
         readings = len(self.noise.whitening)
-        residual = self.noise.whitening @ np.asarray(self.minimum.residual)
-        score = directions.T @ np.concatenate([residual, -self.deviation[1:]])
+        score = directions.T @ self.whitened_residual
         K, priors = directions[:readings].T @ self.noise.whitening, directions[readings:]
         score_covariance = K @ self.readings_covariance @ K.T + priors.T @ priors
         statistic = float(score @ np.linalg.lstsq(score_covariance, score, rcond=1e-9)[0]) / _MODULATIONS
