@@ -3,7 +3,7 @@
 Records are those of the discrepancy benchmark with one hidden effect. Each whose diagnosis is `confusable` is measured
 again by the independent simulator, with other weather and other noise, as the best proposed action says, and diagnosed
 again. It came true where the hidden effect is named and has no alternative. Where nothing was proposed, each action is
-tried. The errors of the sensors' places stay; a new sensor has its own.
+tried. The errors of places stay, also where two sensors are exchanged; a new sensor or plate has its own.
 
 The stated probability is averaged over which effect of the set is the true one, so sets without the hidden effect are
 counted apart. Records that no diagnosis could find, or that are clear at once, are left out before (`identifiability`).
@@ -61,9 +61,25 @@ def measured_again(spec: Spec, action: dict) -> Spec:
             return replace(spec, heated=(inner_start, action["hours"] * HOUR, action["power"]))
         case "shade":
             return replace(spec, shaded=0.5 * spec.days * DAY)
+        case "flux_plate":
+            return replace(spec, plates=(*spec.plates, action["face"]))
+        case "swap":
+            return _exchanged(spec, *action["sensors"])
         case "longer":
             return spec
     raise ValueError(f"unknown action {action}")
+
+
+def _exchanged(spec: Spec, one: str, other: str) -> Spec:
+    """Two sensors at each other's places; a hidden error of a place is that of the other sensor now."""
+    first, second = spec.names.index(one), spec.names.index(other)
+    positions, renamed = list(spec.positions), {one: other, other: one}
+    positions[first], positions[second] = positions[second], positions[first]
+    effects = tuple(
+        effect._replace(target=renamed.get(effect.target, effect.target)) if effect.name == "sensor_position" else effect
+        for effect in spec.effects
+    )
+    return replace(spec, positions=tuple(positions), effects=effects, exchanged=(one, other))
 
 
 def diagnosed(spec: Spec, noise: int | None = None):
@@ -108,8 +124,9 @@ def one(name: str, number: int, spec: Spec) -> Iterator[dict]:
         noise = spec.noise_seed + 10**9
         if prescription.actions:
             action = prescription.actions[0].to_dict()
-            again = diagnosed(measured_again(spec, action), noise)
-            yield line | {"action": action, "true": right(again, spec), "then": again.verdict, "said": again.sentence}
+            then = measured_again(spec, action)
+            again = diagnosed(then, noise)
+            yield line | {"action": action, "true": right(again, then), "then": again.verdict, "said": again.sentence}
         else:
             tried = {}
             for refused in _REFUSED if holds else ():

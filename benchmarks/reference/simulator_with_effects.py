@@ -118,6 +118,8 @@ class Spec:
       wall's base conductivity is its diffusivity x `CAPACITY`.
     - `plates`: the faces with a heat flux plate, positive along +x; `flux_noise_std`: W/m2, of each; `flux_gain_std`:
       as stated, true ones are drawn with it unless `misplaced` is False.
+    - `exchanged`: two sensors that have changed places since an earlier campaign with the same `noise_seed`: the
+      errors of places stay, those of instruments go with them. `positions` are those of now.
     """
 
     length: float = 0.3
@@ -144,6 +146,7 @@ class Spec:
     plates: tuple[str, ...] = ()
     flux_noise_std: float = 0.3
     flux_gain_std: float = 0.05
+    exchanged: tuple[str, str] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", tuple(Hidden(*effect) for effect in self.effects))
@@ -714,6 +717,9 @@ def placed(spec: Spec) -> tuple[np.ndarray, np.ndarray]:
     errors, offsets = spec.position_std * rng.standard_normal(count), spec.offset_std * rng.standard_normal(count)
     if not spec.misplaced:
         errors, offsets = np.zeros(count), np.zeros(count)
+    if spec.exchanged:
+        one, other = (spec.names.index(name) for name in spec.exchanged)
+        errors[[one, other]] = errors[[other, one]]
     for number, name in enumerate(spec.names):
         for p in spec.of("sensor_position", name):
             errors[number] = p["shift"]

@@ -273,6 +273,27 @@ def test_a_plate_that_reads_every_fourth_row():
     assert 0.5 < fit.reduced_chi_square / every.reduced_chi_square < 1.5
 
 
+def test_hourly_rows_of_smooth_faces_do_not_shift_the_diffusivity():
+    """The truth is known every minute. Cubics that are flat at each extreme shift it by 0.2 %."""
+    minutes, rows = 60, 24 * 14
+    turn = 2 * np.pi * np.arange(60 * 24 * 20) / (60 * 24)
+    left = 20 + 0.5 * np.sin(turn + 0.4) + 0.8 * np.sin(turn / 6.3)
+    right = 5 + 5 * np.sin(turn) + 1.5 * np.sin(2 * turn + 1.0) + 0.4 * np.sin(5 * turn + 2.0) + 3 * np.sin(turn / 4.1)
+    faces = np.stack([left, right], axis=1)
+    through = CONDUCTIVITY / LENGTH * fluxes(faces, 60.0, DIFFUSIVITY / LENGTH**2)
+    read = np.arange(rows) * minutes + len(faces) - rows * minutes
+    time = 3600.0 * np.arange(rows)
+    record = wallid.Record(
+        time, time, None, faces[read], np.empty((rows, 0)), (),
+        regressors={"flux_left": through[read, 0], "flux_right": through[read, 1]},
+        boundary_noise_std=0.001, flux_noise_std=0.05, flux_gain_std=0.0,
+    )  # fmt: skip
+    wall = wallid.Wall(length=LENGTH, diffusivity_prior=7e-7, outside="right")
+    fit = wallid.estimate(wallid.Case("slab", Path("case.toml"), wall, (), record, Choices(initial_profile=1)))
+    assert fit.value == pytest.approx(DIFFUSIVITY, rel=1e-3)
+    assert fit.thermal.resistance.value == pytest.approx(R, rel=1e-3)
+
+
 def test_sensors_and_plates_together():
     alone, joined = (wallid.estimate(case_of(("left",), sensor=sensor)) for sensor in (False, True))
     near(joined.thermal.resistance, R)
