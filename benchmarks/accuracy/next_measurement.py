@@ -76,7 +76,9 @@ def _exchanged(spec: Spec, one: str, other: str) -> Spec:
     positions, renamed = list(spec.positions), {one: other, other: one}
     positions[first], positions[second] = positions[second], positions[first]
     effects = tuple(
-        effect._replace(target=renamed.get(effect.target, effect.target)) if effect.name == "sensor_position" else effect
+        effect._replace(target=renamed.get(effect.target, effect.target))
+        if effect.name == "sensor_position"
+        else effect
         for effect in spec.effects
     )
     return replace(spec, positions=tuple(positions), effects=effects, exchanged=(one, other))

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from benchmarks.accuracy.discrepancy import scenarios, score
+from benchmarks.accuracy.next_measurement import measured_again
 from benchmarks.reference import simulator_with_effects as truth
-from benchmarks.reference.simulator_with_effects import DAY, FINE_STEP, HOUR, Spec
+from benchmarks.reference.simulator_with_effects import DAY, FINE_STEP, HOUR, Hidden, Spec
 from benchmarks.reference.synthetic_twins import slab_response
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import simpson
@@ -269,6 +270,17 @@ def test_a_position_is_the_stated_one_and_its_shift():
     assert positions[1] == pytest.approx(0.17)
     assert 0 < abs(positions[0] - 0.06) < 0.01
     assert_array_equal(offsets, 0)
+
+
+@pytest.mark.parametrize("blamed", ["sensor_position", "sensor_offset"])
+def test_exchanged_sensors_take_their_own_errors_along_and_leave_those_of_places(blamed):
+    sizes = {"sensor_position": {"shift": 0.02}, "sensor_offset": {"offset": 0.7}}
+    before = wall(Hidden(blamed, "T1", sizes[blamed]), offset_std=0.1, days=14.0)
+    after = measured_again(before, {"kind": "swap", "sensors": ["T1", "T3"]})
+    places, offsets = truth.placed(before)
+    assert_allclose(truth.placed(after)[0], places[[2, 1, 0]], rtol=0, atol=1e-12)
+    assert_allclose(truth.placed(after)[1], offsets, rtol=0, atol=1e-12)
+    assert after.effects[0].target == {"sensor_position": "T3", "sensor_offset": "T1"}[blamed]
 
 
 # -------------------------------------------------------------------------------------------- the record
