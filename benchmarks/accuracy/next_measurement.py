@@ -2,8 +2,9 @@
 
 Records are those of the discrepancy benchmark with one hidden effect. Each whose diagnosis is `confusable` is measured
 again by the independent simulator, with other weather and other noise, as the best proposed action says, and diagnosed
-again. It came true where the hidden effect is named and has no alternative. Where nothing was proposed, each action is
-tried. The errors of places stay, also where two sensors are exchanged; a new sensor or plate has its own.
+again. It came true where the hidden effect is named alone and has no alternative. It settled the question where the
+hidden effect is named and no other effect of the set is, nor is one an alternative. Where nothing was proposed, each
+action is tried. The errors of places stay, also where two sensors are exchanged; a new sensor or plate has its own.
 
 The stated probability is averaged over which effect of the set is the true one, so sets without the hidden effect are
 counted apart. Records that no diagnosis could find, or that are clear at once, are left out before (`identifiability`).
@@ -23,7 +24,7 @@ import numpy as np
 from scipy.stats import binom
 
 from benchmarks.accuracy.discrepancy.scenarios import identifiability, singles
-from benchmarks.reference.simulator_with_effects import DAY, EFFECTS, HOUR, Spec, write_case
+from benchmarks.reference.simulator_with_effects import DAY, EFFECTS, HOUR, Hidden, Spec, write_case
 
 SEED = 1034  # of the scoring seeds; fixed before the first record was tried
 _LEAST, _CLEAR = 12.0, 100.0  # squared signal-to-noise: nothing is found below, nothing is confusable above
@@ -75,13 +76,19 @@ def _exchanged(spec: Spec, one: str, other: str) -> Spec:
     first, second = spec.names.index(one), spec.names.index(other)
     positions, renamed = list(spec.positions), {one: other, other: one}
     positions[first], positions[second] = positions[second], positions[first]
-    effects = tuple(
-        effect._replace(target=renamed.get(effect.target, effect.target))
-        if effect.name == "sensor_position"
-        else effect
-        for effect in spec.effects
-    )
+    effects = tuple(Hidden(*_exchanged_name(effect[:2], renamed), effect.parameters) for effect in spec.effects)
     return replace(spec, positions=tuple(positions), effects=effects, exchanged=(one, other))
+
+
+def _exchanged_name(effect: tuple[str, str | None], renamed: dict) -> tuple[str, str | None]:
+    name, target = effect
+    return name, renamed.get(target, target) if name == "sensor_position" else target
+
+
+def _exchanged_names(effects: set, action: dict) -> set:
+    """Names and targets of effects in the next campaign."""
+    one, other = action.get("sensors", ("", ""))
+    return {_exchanged_name(effect, {one: other, other: one}) for effect in effects}
 
 
 def diagnosed(spec: Spec, noise: int | None = None):
@@ -107,8 +114,23 @@ def right(found, spec: Spec) -> bool:
     )
 
 
+def settled(found, spec: Spec, others: set[tuple[str, str | None]]) -> bool:
+    """Whether the hidden effect is named, and none of the others is, nor is an alternative.
+
+    `others` are names and targets as they are in this campaign.
+    """
+    named = [_name(found, one.effect_parameters) for one in found.effects]
+    alternatives = {_name(found, other) for one in found.effects for other in one.alternatives}
+    hidden = spec.effects[0]
+    return (hidden.name, hidden.target) in named and not others & {*named, *alternatives}
+
+
+def _name(found, effect) -> tuple[str, str | None]:
+    return effect.effect.name, found.problem.target_name(effect.effect)
+
+
 def _is(found, effect, hidden) -> bool:
-    return (effect.effect.name, found.problem.target_name(effect.effect)) == (hidden.name, hidden.target)
+    return _name(found, effect) == (hidden.name, hidden.target)
 
 
 def one(name: str, number: int, spec: Spec) -> Iterator[dict]:
@@ -128,7 +150,9 @@ def one(name: str, number: int, spec: Spec) -> Iterator[dict]:
             action = prescription.actions[0].to_dict()
             then = measured_again(spec, action)
             again = diagnosed(then, noise)
-            yield line | {"action": action, "true": right(again, then), "then": again.verdict, "said": again.sentence}
+            others = {_name(found, effect) for effect in prescription.separate} - {spec.effects[0][:2]}
+            outcome = {"true": right(again, then), "settled": settled(again, then, _exchanged_names(others, action))}
+            yield line | {"action": action, **outcome, "then": again.verdict, "said": again.sentence}
         else:
             tried = {}
             for refused in _REFUSED if holds else ():
@@ -155,6 +179,7 @@ def summary(lines: list[dict]) -> Iterator[str]:
         true = np.array([line["true"] for line in known], float)
         skill = 1.0 - np.mean((stated - true) ** 2) / max(float(np.mean((true.mean() - true) ** 2)), 1e-12)
         yield f"Brier skill {skill:.2f}; of all acted, whether or not with the truth: {true.sum():.0f} of {len(acted)}"
+        yield f"settled: {sum(line['settled'] for line in known)} of {len(known)}"
     refused = [line for line in sets if line["action"] is None and line["holds_truth"]]
     worked = sum(any(line["tried"].values()) for line in refused)
     yield f"nothing will: {len(refused)}; {worked} had an action that worked"

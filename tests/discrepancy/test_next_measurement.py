@@ -14,12 +14,13 @@ import wallid
 from wallid.case.options import ACTIONS, Choices
 from wallid.case.planned_campaign import CampaignSettings
 from wallid.discrepancy.effect_fit import linearised_at, refit
+from wallid.discrepancy.model_with_effects import predict
 from wallid.discrepancy.next_measurement import changed_faces
 from wallid.discrepancy.next_measurement.actions import EFFORTS, Action, Prescription, best_actions
 from wallid.discrepancy.next_measurement.added_sensor import added_sensors
 from wallid.discrepancy.next_measurement.candidate_records import LongerRecord, RecordWithSensor
 from wallid.discrepancy.next_measurement.changed_records import SwappedRecord, changed_records, swapped_records
-from wallid.discrepancy.next_measurement.confusable_sets import confusable_sets
+from wallid.discrepancy.next_measurement.confusable_sets import ConfusableSet, confusable_sets
 from wallid.discrepancy.next_measurement.informative_records import open_diffusivities
 from wallid.discrepancy.next_measurement.present_record import PresentRecord, explanation_of
 from wallid.discrepancy.next_measurement.refits import refitted_separations
@@ -137,6 +138,35 @@ def test_exchanged_sensors_read_each_others_places(found):
     assert swapped.next_name("effect.sensor_position[T2].shift") == "effect.sensor_position[T1].shift"
     assert swapped.next_name("effect.sensor_lag[T2].time_constant") == "effect.sensor_lag[T2].time_constant"
     assert np.isfinite(confusable.probability(refitted_separations(confusable, swapped)))
+
+
+def test_an_exchanged_sensor_may_be_mistaken_for_another_face(tmp_path):
+    """The offset of a sensor near one face is like one of this face; exchanged, like one of the other face."""
+    offset = Hidden("sensor_offset", "T2", {"offset": 0.6})
+    write_case(
+        replace(SPEC, length=0.25, positions=(0.08, 0.17), days=20.0, offset_std=0.1, effects=(offset,)), tmp_path
+    )
+    problem = diagnosis_problem(wallid.load(tmp_path))
+    by_label = {problem.label(one.effect): one for one in problem.library}
+    own, face = by_label["sensor offset of T2"], by_label["offset of the right face"]
+    noise = problem.noise_shape(problem.parameters).stated_covariance()
+    without = refit(problem, (), problem.parameters, noise)
+    fits = tuple(refit(problem, (one,), without.parameters, without.noise) for one in (own, face))
+    confusable = ConfusableSet((own, face), PresentRecord((*fits, without)), chance_gain=15.0)
+    (swapped,) = swapped_records(confusable.present)
+    names = [one.names[0] for one in problem.library if len(one.names) == 1 and problem.is_linear((one,))]
+    assert len(swapped.further) == len(names) - 2
+    third = names.index("effect.face_offset[left].offset")
+    third -= sum(names.index(one.names[0]) < third for one in (own, face))
+    then = swapped.problem
+    step = then.parameters.with_known_values(swapped.next_parameters(without).to_dict())
+    shifted = step.with_values({"effect.face_offset[left].offset": 0.5})
+    change = then.binned(np.asarray(predict(then.model, shifted, True)) - np.asarray(predict(then.model, step, True)))
+    assert swapped.further[third].jacobian[:, -1] == pytest.approx(change / 0.5, abs=1e-7)
+    with_all = confusable.probability(confusable.separations(swapped))
+    swapped.whitened_further = ()
+    alone = confusable.probability(confusable.separations(swapped))
+    assert with_all < 0.2 and alone > 0.8
 
 
 def test_another_season_has_the_faces_of_the_typical_year(found, tmp_path):

@@ -51,6 +51,11 @@ class CandidateRecord(ABC):
         """Its readings by each fit, over one length of the present record."""
 
     @cached_property
+    def further(self) -> tuple[Explanation, ...]:
+        """Its readings by further rivals, which the present record excludes; none where it would exclude them too."""
+        return ()
+
+    @cached_property
     def whitening(self) -> np.ndarray:
         """W of these readings."""
         return self.present.whitening
@@ -59,6 +64,11 @@ class CandidateRecord(ABC):
     def whitened_explanations(self) -> tuple[Explanation, ...]:
         """The same readings, whitened."""
         return tuple(one.whitened(self.whitening) for one in self.explanations)
+
+    @cached_property
+    def whitened_further(self) -> tuple[Explanation, ...]:
+        """The readings by further rivals, whitened."""
+        return tuple(one.whitened(self.whitening) for one in self.further)
 
     @cached_property
     @abstractmethod

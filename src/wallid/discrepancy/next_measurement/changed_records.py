@@ -16,7 +16,7 @@ from ...inference.parameters import kind_of, target_of
 from ...records.weather_year import HOURS, WeatherYear, read_weather_year
 from ..effect_fit import EffectFit
 from ..model_with_effects import linearise
-from ..problem import DiagnosisProblem, diagnosis_problem
+from ..problem import DiagnosisProblem, EffectParameters, diagnosis_problem
 from .candidate_records import CandidateRecord, with_profile_of
 from .changed_faces import HEATING_HOURS, HEATING_POWER, heated, in_season, shaded
 from .present_record import PresentRecord
@@ -25,6 +25,7 @@ from .separation import Explanation
 _INSTRUMENT_ERRORS = ("sensor_lag", "sensor_offset", "sensor_gain", "sensor_drift")
 _PLACE_ERRORS = (SensorPositions.kind, "effect.sensor_position")
 _SEASONS = 6  # first days that are tried
+_EFFECTS_AT_ONCE = 8  # that are linearised, so that the function of the present record serves
 
 
 class ChangedRecord(CandidateRecord):
@@ -108,6 +109,9 @@ class SeasonRecord(ChangedRecord):
 class SwappedRecord(ChangedRecord):
     """A record with two sensors exchanged: the errors of instruments go with them, those of places stay.
 
+    At its new place a sensor's error may be like another effect than before. So each effect that has one parameter and
+    keeps the wall linear is a rival, to first order, also where the present record excludes it.
+
     Args:
         present: the present one.
         pair: names of the two sensors.
@@ -144,6 +148,36 @@ class SwappedRecord(ChangedRecord):
             for place in (places.get(sensor.name, sensor),)
         )
         return with_profile_of(diagnosis_problem(replace(present.case, sensors=sensors)), present)
+
+    @cached_property
+    def further(self) -> tuple[Explanation, ...]:
+        """What the effects predict that are in no fit, each beside the fit without the effects of the set."""
+        problem, base, beside = self.problem, self.present.fits[-1], self.explanations[-1]
+        taken = {self.next_name(one.names[0]) for fit in self.present.fits for one in fit.active}
+        effects = [
+            one
+            for one in problem.library
+            if len(one.names) == 1 and one.names[0] not in taken and problem.is_linear((*base.active, one))
+        ]
+        names, parameters = [one.names[0] for one in effects], self.next_parameters(base)
+        columns: list[np.ndarray] = []
+        for first in range(0, len(names), _EFFECTS_AT_ONCE):
+            some = names[first : first + _EFFECTS_AT_ONCE]
+            columns += list(linearise(problem.model, problem.bins, parameters, some, linear=True)[1])
+        return tuple(self._with_effect(beside, one, column) for one, column in zip(effects, columns, strict=True))
+
+    def _with_effect(self, beside: Explanation, one: EffectParameters, column: np.ndarray) -> Explanation:
+        """An explanation with one more effect, in the place of the error with a prior that it replaces."""
+        replaced = self.problem.replaced_errors((one,))
+        names = self.present.fits[-1].parameters.estimated_names
+        kept = [self.next_name(name) not in replaced for name in names]
+        return replace(
+            beside,
+            jacobian=np.column_stack([beside.jacobian[:, kept], column]),
+            values=np.append(beside.values[kept], 0.0),
+            prior_std=np.append(beside.prior_std[kept], np.inf),
+            growth=None,  # the record has the length of the present one
+        )
 
     @cached_property
     def whitening(self) -> np.ndarray:

@@ -50,16 +50,21 @@ class ConfusableSet:
         return np.array([min(std / size, 1.0) if size > 0 else 1.0 for std, size in values])
 
     def separations(self, candidate: CandidateRecord) -> tuple[Separation, ...]:
-        """How the others fall behind each of the effects where it is the true one, by the derivatives."""
-        explanations = candidate.whitened_explanations
+        """How the others fall behind each of the effects where it is the true one, by the derivatives.
+
+        The others are those with a fit of the present record, then the further rivals of the candidate.
+        """
+        explanations, further = candidate.whitened_explanations, candidate.whitened_further
         return tuple(
-            separation(true, [one for one in explanations if one is not true], candidate.length)
+            separation(true, [*(one for one in explanations if one is not true), *further], candidate.length)
             for true in explanations[: len(self.effects)]
         )
 
     def probability(self, separations: Sequence[Separation]) -> float:
         """The probability that the true effect is named and has no alternative, over which of them is true."""
-        criteria = np.append(np.full(len(self.present.fits) - 2, RIVAL), self.chance_gain)
+        without = len(self.present.fits) - 2
+        criteria = np.full(len(separations[0].excess), RIVAL)
+        criteria[without] = self.chance_gain
         each = [one.probability(criteria, std) for one, std in zip(separations, self.relative_stds, strict=True)]
         return float(self.weights @ each)
 

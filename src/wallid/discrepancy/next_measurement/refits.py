@@ -54,7 +54,8 @@ def _refitted(confusable: ConfusableSet, candidate: CandidateRecord, k: int, der
         return refit(exact, same_effects(candidate, fit), candidate.next_parameters(fit), covariance).cost
 
     own, excess, rivals = cost(true), np.array(derivative.excess), fits[:k] + fits[k + 1 :]
-    for j in np.argsort(excess + derivative.penalties)[:_NEAREST]:
+    with_fit = (excess + derivative.penalties)[: len(rivals)]
+    for j in np.argsort(with_fit)[:_NEAREST]:
         if excess[j] < _CLEAR_EXCESS:
             excess[j] = max(cost(rivals[j]) - own, 0.0)
     return derivative.with_excess(excess)
