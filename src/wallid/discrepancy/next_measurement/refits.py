@@ -1,20 +1,25 @@
 """How rivals fall behind a true effect by fits to readings without noise.
 
 A derivative mis-states what films, depths and layers can explain. The refits cost more, so they are made for the
-best actions only, and there for the most probable effects and their nearest rivals.
+best actions only, and there for the most probable effects and their nearest rivals. A rival's best position, hour or
+temperature in the next record may be far from that in the present one, so it is also fitted from where a score test
+finds it best, as in a diagnosis.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from ...inference.noise_covariance import bin_readings
+from ...inference.noise_covariance import NoiseCovariance, bin_readings
 from ...models.flux_plates import fluxes_of
 from ..effect_fit import EffectFit, refit
 from ..model_with_effects import predict
 from ..problem import DiagnosisProblem, EffectParameters
+from ..selection.candidate_fits import CandidateFits
+from ..selection.score_test import CandidateScores
 from .candidate_records import CandidateRecord, LongerRecord
 from .confusable_sets import ConfusableSet
 from .separation import Separation
@@ -48,17 +53,49 @@ def _refitted(confusable: ConfusableSet, candidate: CandidateRecord, k: int, der
     problem, fits = candidate.problem, confusable.present.fits
     true = fits[k]
     covariance = problem.noise_shape(candidate.next_parameters(true)).covariance_like(fits[0].noise)
-    exact = _with_readings_of(candidate, true)
-
-    def cost(fit: EffectFit) -> float:
-        return refit(exact, same_effects(candidate, fit), candidate.next_parameters(fit), covariance).cost
-
-    own, excess, rivals = cost(true), np.array(derivative.excess), fits[:k] + fits[k + 1 :]
+    refits = _RefitsWithoutNoise(candidate, CandidateFits(_with_readings_of(candidate, true)), covariance)
+    own, excess, rivals = refits.cost(true), np.array(derivative.excess), fits[:k] + fits[k + 1 :]
     with_fit = (excess + derivative.penalties)[: len(rivals)]
     for j in np.argsort(with_fit)[:_NEAREST]:
         if excess[j] < _CLEAR_EXCESS:
-            excess[j] = max(cost(rivals[j]) - own, 0.0)
+            excess[j] = max(refits.cost(rivals[j]) - own, 0.0)
     return derivative.with_excess(excess)
+
+
+@dataclass(frozen=True, eq=False)
+class _RefitsWithoutNoise:
+    """Fits to what a true effect predicts for the next record, without noise.
+
+    Args:
+        candidate: the next record.
+        fits: of the problem with these readings.
+        covariance: of the readings' noise.
+    """
+
+    candidate: CandidateRecord
+    fits: CandidateFits
+    covariance: NoiseCovariance = field(repr=False)
+
+    def cost(self, fit: EffectFit) -> float:
+        """The lowest cost with the effects of a fit of the present record."""
+        from_present, base = self._refit(fit), self.candidate.present.fits[-1]
+        searched = [one for one in from_present.active if len(one.names) > 1 and one.names not in _names(base)]
+        best = [k for one in searched for k in self._scores.candidates_of(one)[:1]]
+        return min([from_present.cost, *(self.fits.add_candidates(self._scores, (k,)).cost for k in best)])
+
+    def _refit(self, fit: EffectFit) -> EffectFit:
+        """The fit with the same effects, from the parameters that they have in the present record."""
+        effects, parameters = same_effects(self.candidate, fit), self.candidate.next_parameters(fit)
+        return refit(self.fits.problem, effects, parameters, self.covariance)
+
+    @cached_property
+    def _scores(self) -> CandidateScores:
+        """The score test against the fit without the effects of the set."""
+        return self.fits.score_candidates(self._refit(self.candidate.present.fits[-1]))
+
+
+def _names(fit: EffectFit) -> set[tuple[str, ...]]:
+    return {one.names for one in fit.active}
 
 
 def same_effects(candidate: CandidateRecord, fit: EffectFit) -> tuple[EffectParameters, ...]:
