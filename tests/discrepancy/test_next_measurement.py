@@ -15,7 +15,7 @@ from wallid.case.options import ACTIONS, Choices
 from wallid.case.planned_campaign import CampaignSettings
 from wallid.discrepancy.effect_fit import linearised_at, refit
 from wallid.discrepancy.model_with_effects import predict
-from wallid.discrepancy.next_measurement import changed_faces
+from wallid.discrepancy.next_measurement import changed_faces, refits
 from wallid.discrepancy.next_measurement.actions import EFFORTS, Action, Prescription, best_actions
 from wallid.discrepancy.next_measurement.added_sensor import added_sensors
 from wallid.discrepancy.next_measurement.candidate_records import LongerRecord, RecordWithSensor
@@ -210,6 +210,33 @@ def test_refits_confirm_the_derivatives_of_a_repeat(found):
     repeat = LongerRecord(confusable.present, 1.0)
     for derivative, exact in zip(confusable.separations(repeat), refitted_separations(confusable, repeat), strict=True):
         assert exact.excess == pytest.approx(derivative.excess, rel=0.35, abs=1.5)
+
+
+def test_a_rivals_position_is_searched_anew(found, monkeypatch):
+    """A change of the conductivity whose interface is at the wrong side, against fits from many interfaces."""
+    problem, after, length = found.problem, found.after, SPEC.length
+    (layers,) = [one for one in problem.library if problem.label(one.effect) == "layered conductivity"]
+    ratio, interface = layers.names
+    start = after.parameters.with_values({after.active[0].names[0]: 0.0, ratio: 0.0})
+    far = linearised_at(problem, (layers,), start.with_values({ratio: -0.3, interface: 0.7 * length}), after.noise)
+    without = refit(problem, (), start, after.noise)
+    confusable = ConfusableSet((*after.active, layers), PresentRecord((after, far, without)), chance_gain=15.0)
+    monkeypatch.setattr(refits, "_CLEAR_EXCESS", np.inf)
+    found_excess = refitted_separations(confusable, LongerRecord(confusable.present, 1.0))[0].excess[0]
+    exact = refits._with_readings_of(LongerRecord(confusable.present, 1.0), after)
+
+    def cost(parameters, *effects):
+        return refit(exact, effects, parameters, after.noise).cost
+
+    own = cost(after.parameters, *after.active)
+    starts = [
+        start.with_values({interface: share * length, ratio: sign * 0.3})
+        for share in (0.28, 0.35, 0.5, 0.7)
+        for sign in (-1, 1)
+    ]
+    want = min(cost(one, layers) for one in starts) - own
+    assert found_excess == pytest.approx(want, abs=1.0)
+    assert cost(far.parameters, layers) - own > want + 5.0
 
 
 @pytest.mark.slow
