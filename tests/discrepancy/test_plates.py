@@ -8,7 +8,7 @@ import pytest
 from benchmarks.reference.simulator_with_effects import DAY, Hidden, write_case
 from measured_walls import london
 from numpy.testing import assert_allclose
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import PchipInterpolator
 from studies import SPEC, parameters_at, prepare, slot_of
 
 import wallid
@@ -153,7 +153,7 @@ def test_bends_between_the_rows_are_those_of_lines_instead_of_cubics(plain):
     got = face_change_response(study.model, parameters, change[None])[0]
     lines = np.stack([faces[:-1], np.diff(faces, axis=0), 0 * faces[1:], 0 * faces[1:]], axis=1)
     straight = eqx.tree_at(lambda m: m.forcing.faces, study.model, lines)
-    cubics = np.moveaxis([CubicSpline(np.arange(len(face)), face).c[::-1].T for face in faces.T], 0, -1)
+    cubics = np.moveaxis([PchipInterpolator(np.arange(len(face)), face).c[::-1].T for face in faces.T], 0, -1)
     curved = eqx.tree_at(lambda m: m.forcing.faces, study.model, cubics)
     want = predict(straight, parameters, True) - predict(curved, parameters, True)
     assert_allclose(got, np.asarray(want), rtol=0, atol=1e-9 * np.abs(faces).max() + 1e-6 * np.abs(want).max())

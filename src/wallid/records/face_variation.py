@@ -288,8 +288,13 @@ def from_cubics_to_lines(values: Float[np.ndarray, " time"]) -> np.ndarray:
 
 
 def _line_minus_cubic(values: np.ndarray) -> Float[np.ndarray, "interval power"]:
-    """Coefficients in s of the straight line minus the cubic spline in each interval between rows."""
-    cubic = scipy.interpolate.CubicSpline(np.arange(len(values)), values).c[::-1].T
+    """Coefficients in s of the straight line minus the monotone cubic in each interval between rows.
+
+    Also where the course is a cubic spline: of a fast part a spline is so far from the line that the share, 3, would
+    bend the face by more than gusts do, and hide the lag or the resistance of a plate.
+    """
+    rows = np.arange(len(values))
+    cubic = scipy.interpolate.PchipInterpolator(rows, values).c[::-1].T
     line = np.zeros_like(cubic)
     line[:, 0], line[:, 1] = values[:-1], np.diff(values)
     return line - cubic
