@@ -90,7 +90,7 @@ def faces_of_model(case: Case) -> tuple[Float[np.ndarray, "time face"], Float[np
 
     They are the readings, with plates the readings without their noise. Fast noise of a face would be a large flux.
     Fitted with it, the wall's capacity is too small, as a slope is that is fitted with a noisy abscissa.
-    Without noise a cubic spline is the best course between the rows, and a plate feels the course near its row.
+    Between the rows they are then cubic splines: a plate responds to the course just before its row.
 
     Source: W. A. Fuller, Measurement Error Models (1987), 1.1.
     """
