@@ -45,10 +45,13 @@ NOISE, FACE = 0.3, 0.01
 
 
 def course(seed=3, windows=1):
-    """Three days after twelve others, or more: faces, fluxes (W/m2), and a temperature in the middle."""
-    rows = ROWS * windows
-    faces = weather(4 * ROWS + rows, STEP, np.random.default_rng(seed))
-    fine, step = refined(faces, PARTS), STEP / PARTS
+    """Three days after twelve others, or more: faces, fluxes (W/m2), and a temperature in the middle.
+
+    The faces are drawn at the fine step, so that no course between rows is that of the model.
+    """
+    rows, step = ROWS * windows, STEP / PARTS
+    fine = weather((4 * ROWS + rows - 1) * PARTS + 1, step, np.random.default_rng(seed), hours=(8.0, 2.0))
+    faces = fine[::PARTS]
     through = CONDUCTIVITY / LENGTH * fluxes(fine, step, DIFFUSIVITY / LENGTH**2)[::PARTS]
     inside = temperatures(fine, step, np.array([0.5]), DIFFUSIVITY / LENGTH**2)[::PARTS]
     return faces[-rows:], through[-rows:], inside[-rows:]
