@@ -15,7 +15,7 @@ from ...inference.nuisance_kinds import SensorPositions
 from ...inference.parameters import kind_of, target_of
 from ...records.weather_year import HOURS, WeatherYear, read_weather_year
 from ..effect_fit import EffectFit
-from ..model_with_effects import linearise
+from ..model_with_effects import first_order_columns, linearise
 from ..problem import DiagnosisProblem, EffectParameters, diagnosis_problem
 from .candidate_records import CandidateRecord, with_profile_of
 from .changed_faces import HEATING_HOURS, HEATING_POWER, heated, in_season, shaded
@@ -25,7 +25,6 @@ from .separation import Explanation
 _INSTRUMENT_ERRORS = ("sensor_lag", "sensor_offset", "sensor_gain", "sensor_drift")
 _PLACE_ERRORS = (SensorPositions.kind, "effect.sensor_position")
 _SEASONS = 6  # first days that are tried
-_EFFECTS_AT_ONCE = 8  # that are linearised, so that the function of the present record serves
 
 
 class ChangedRecord(CandidateRecord):
@@ -159,11 +158,8 @@ class SwappedRecord(ChangedRecord):
             for one in problem.library
             if len(one.names) == 1 and one.names[0] not in taken and problem.is_linear((*base.active, one))
         ]
-        names, parameters = [one.names[0] for one in effects], self.next_parameters(base)
-        columns: list[np.ndarray] = []
-        for first in range(0, len(names), _EFFECTS_AT_ONCE):
-            some = names[first : first + _EFFECTS_AT_ONCE]
-            columns += list(linearise(problem.model, problem.bins, parameters, some, linear=True)[1])
+        sizes = [(one.names[0], {}) for one in effects]
+        columns = first_order_columns(problem.model, problem.bins, self.next_parameters(base), sizes)
         return tuple(self._with_effect(beside, one, column) for one, column in zip(effects, columns, strict=True))
 
     def _with_effect(self, beside: Explanation, one: EffectParameters, column: np.ndarray) -> Explanation:
