@@ -245,6 +245,21 @@ def test_an_effect_that_is_none_of_the_known_ones_gets_no_name(explained):
     assert "none of the known effects" in found.sentence
 
 
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        ("heat_source", None, {"rate": -2e-4, "place": 0.37, "hours": None}),
+        ("face_offset", "right", {"offset": 0.3}),
+    ],
+)
+def test_heat_behind_the_last_sensor_is_not_distinguished_from_an_offset_of_the_face(explained, hidden):
+    """No sensor is between them and the face: both are a constant flux at the last sensor."""
+    found, _ = explained(hidden)
+    (named,) = found.effects
+    one_of = {named.effect_parameters.effect.name, *(one.effect.name for one in named.alternatives)}
+    assert found.verdict == "confusable" and one_of == {"face_offset", "heat_source"}
+
+
 def test_a_rival_is_told_and_spans_the_interval(explained):
     """What was named, as if another fit came as close: the verdict, the sentence and the interval say so."""
     found, _ = explained(("solar_gain", "left", {"gain": 0.004}))

@@ -58,9 +58,7 @@ class EffectFit:
     @cached_property
     def covariance(self) -> np.ndarray:
         """Covariance in the order of `parameters.estimated_names`, `(estimated, estimated)`."""
-        size = np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300)
-        inverse = np.linalg.pinv(self.jacobian / size, rcond=1e-10)
-        return (inverse @ inverse.T) / np.outer(size, size)
+        return _covariance(self.jacobian)
 
     @property
     def diffusivity(self) -> float:
@@ -111,6 +109,17 @@ class EffectFit:
         k = self.index(name)
         return float(np.sqrt(self.covariance[k, k]))
 
+    def std_of_size(self, effect_parameters: EffectParameters) -> float:
+        """Standard deviation of the size of an effect at its estimated positions, hours and temperatures.
+
+        `std` of the size includes the uncertainty of these. Where a source is behind the last sensor, its rate and its
+        position cannot be estimated together, although it is certain that there is one.
+        """
+        size, *searched = map(self.index, effect_parameters.names)
+        others = np.delete(self.jacobian, searched, axis=1)
+        k = size - sum(index < size for index in searched)
+        return float(np.sqrt(_covariance(others)[k, k]))
+
     @property
     def at_bound(self) -> tuple[EffectParameters, ...]:
         """The effects with a parameter at a bound of its search range."""
@@ -151,6 +160,13 @@ class EffectFit:
         chosen = self.problem.instruments_of_gap
         readings = np.isfinite(self.problem.readings).sum(axis=0)[chosen]
         return float(np.sqrt(np.nansum(readings * self.noise.rms_of_outputs[chosen] ** 2) / readings.sum()))
+
+
+def _covariance(jacobian: np.ndarray) -> np.ndarray:
+    """Covariance of the parameters of a whitened Jacobian, by columns of unit length."""
+    size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    inverse = np.linalg.pinv(jacobian / size, rcond=1e-10)
+    return (inverse @ inverse.T) / np.outer(size, size)
 
 
 def rms_over(problem: DiagnosisProblem, residual: np.ndarray) -> float:

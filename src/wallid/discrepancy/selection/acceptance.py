@@ -18,7 +18,7 @@ RIVAL = 9.0
 """Models within this of the best in penalised `-2 log L` cannot be distinguished from it."""
 RESIDUAL_TEST_LEVEL = 1e-3
 """Significance level of each of the about five tests of a final model."""
-_MIN_SIZE_RATIO = 2.0  # smallest size of an effect over its standard deviation
+_MIN_SIZE_RATIO = 2.0  # smallest size of an effect over its standard deviation where it is
 _MIN_SHIFT = 0.5  # shift of ln(alpha) over its standard deviation from which a small effect is kept
 
 
@@ -62,7 +62,7 @@ def reason_for_refusal(fit: EffectFit) -> str:
     for effect_parameters in fit.active:
         label, size = problem.label(effect_parameters.effect), effect_parameters.effect.parameters[0]
         value = abs(float(fit.parameters[effect_parameters.names[0]]))
-        if value < _MIN_SIZE_RATIO * fit.std(effect_parameters.names[0]):
+        if value < _MIN_SIZE_RATIO * fit.std_of_size(effect_parameters):
             return f"{label} has a size that this record cannot distinguish from zero"
         small = size.smallest_reported is not None and value < size.smallest_reported
         if small and _relative_shift(fit, effect_parameters) < _MIN_SHIFT:
