@@ -4,7 +4,8 @@ Records are those of the discrepancy benchmark with one hidden effect. Each whos
 again by the independent simulator, with other weather and other noise, as the best proposed action says, and diagnosed
 again. It settled the question where the hidden effect is named and no other effect of the set is, nor is one an
 alternative: the stated probability is of this event. It came true where the hidden effect is named alone and has no
-alternative at all, which is more. Where nothing was proposed, five actions are tried. The errors of places stay, also where two sensors are exchanged; a new sensor or plate has its own.
+alternative at all, which is more. Where nothing was proposed, five actions are tried. The errors of places stay, also
+where two sensors are exchanged; a new sensor or plate has its own.
 
 The stated probability is averaged over which effect of the set is the true one, so sets without the hidden effect are
 counted apart. Records that no diagnosis could find, or that are clear at once, are left out before (`identifiability`).
