@@ -3,34 +3,49 @@
 `python -m benchmarks.accuracy.forecasts`
 
 The records are those of `benchmarks.accuracy.disturbance`, by other seeds: two sensors, or two plates; heat in the
-whole wall or behind a face, with a memory of 3 hours or 2 days. A day of each is forecast from the days before, given
-the faces. What is counted are the readings 1, 6 and 24 hours after the origin. Two hours of record follow: at a
-record's last row the slope of a face, and so the flux, is known from one side only.
+whole wall or behind a face, with a memory of 3 hours or 2 days. A day of each is forecast from a week before it, as
+`wallid forecast` does by default, given the faces; with `--days` from fewer. What is counted are the readings 1, 6 and
+24 hours after the origin. Two hours of record follow: at a record's last row the slope of a face, and so the flux, is
+known from one side only.
 
 Each origin's outcome is appended to a log of JSON lines, so that a long run goes on where it ended.
 """
 
 import argparse
 import os
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.accuracy.discrepancy.score import interval
-from benchmarks.accuracy.disturbance import DAYS, KEYS, MEMORIES, STEP, Kind, case_of, key_of
+from benchmarks.accuracy.disturbance import KEYS, MEMORIES, STEP, Kind, case_of, key_of
 from benchmarks.accuracy.resumed_log import resumed
 
 HOURS = (1.0, 6.0, 24.0)
-FIRST = 300_000  # number of the first record: none of them was estimated before; 100_000 and 200_000 were looked at
+FIRST = 400_000  # number of the first record: none of them was estimated before; 100_000 to 300_000 were looked at
 LEFT = 2.0  # h of record after the last reading that is counted
-KINDS = tuple(Kind(logged, heat, memory) for (logged, heat), memory in product(
-    (("sensors", "wall"), ("plates", "face")), MEMORIES
-))  # fmt: skip
 
 
-def forecast(kind: Kind, number: int) -> dict:
+@dataclass(frozen=True)
+class Forecast(Kind):
+    """Records of one kind, with so many days before the origin."""
+
+    days: float = 7.0
+
+    @property
+    def rows(self) -> int:
+        return round(((self.days + 1.0) * 86400.0 + LEFT * 3600.0) / STEP[self.logged])
+
+
+def kinds(days: float) -> list[Forecast]:
+    """The kinds of records, with so many days before the origin."""
+    logged = ("sensors", "wall"), ("plates", "face")
+    return [Forecast(*one, memory, days) for one, memory in product(logged, MEMORIES)]
+
+
+def forecast(kind: Forecast, number: int) -> dict:
     """The errors over their standard deviations at some hours after one origin."""
     import jax
 
@@ -38,8 +53,7 @@ def forecast(kind: Kind, number: int) -> dict:
     import wallid
 
     case, step = case_of(kind, FIRST + number), STEP[kind.logged]
-    origin = (DAYS[kind.logged] - 1.0) * 86400.0 - LEFT * 3600.0
-    found = wallid.forecast(case, origin, HOURS[-1])
+    found = wallid.forecast(case, kind.days * 86400.0, HOURS[-1], days=kind.days)
     measured = np.asarray(found.measured)[found.first :]
     z = (measured - found.mean) / found.std
     rows = {hours: min(round(hours * 3600.0 / step), len(z)) - 1 for hours in HOURS}
@@ -51,10 +65,10 @@ def forecast(kind: Kind, number: int) -> dict:
     }
 
 
-def summary(outcomes: list[dict]) -> str:
+def summary(outcomes: list[dict], days: float) -> str:
     """The share of readings in their bands, by hours after the origin, and of the whole day."""
     lines = []
-    for kind in (*KINDS, None):
+    for kind in (*kinds(days), None):
         own = [o for o in outcomes if kind is None or all(o[key] == value for key, value in asdict(kind).items())]
         if not own:
             continue
@@ -74,12 +88,14 @@ def main() -> None:
     """Run what the log does not have yet, and print the summary."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--origins", type=int, default=400)
+    parser.add_argument("--days", type=float, default=7.0, help="of readings before each origin")
     parser.add_argument("--log", type=Path, default=Path("forecasts.jsonl"))
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     arguments = parser.parse_args()
-    tasks = [(kind, number) for number in range(-(-arguments.origins // len(KINDS))) for kind in KINDS]
+    of_each = kinds(arguments.days)
+    tasks = [(kind, number) for number in range(-(-arguments.origins // len(of_each))) for kind in of_each]
     done = resumed(arguments.log, tasks, forecast, key_of, KEYS, arguments.workers)
-    print(summary(done))
+    print(summary(done, arguments.days))
 
 
 if __name__ == "__main__":
