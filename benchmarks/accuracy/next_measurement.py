@@ -139,7 +139,9 @@ def one(name: str, number: int, spec: Spec) -> Iterator[dict]:
     start = time.perf_counter()
     found = diagnosed(spec)
     seconds = time.perf_counter() - start
+    named = [_name(found, effect.effect_parameters) for effect in found.effects]
     base = {"name": name, "number": number, "days": spec.days, "verdict": found.verdict, "seconds": seconds}
+    base |= {"target": spec.effects[0].target, "named": named}
     if found.verdict != "confusable":
         yield base
         return

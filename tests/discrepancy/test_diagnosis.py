@@ -260,6 +260,14 @@ def test_heat_behind_the_last_sensor_is_not_distinguished_from_an_offset_of_the_
     assert found.verdict == "confusable" and one_of == {"face_offset", "heat_source"}
 
 
+def test_what_is_small_is_named_rather_than_what_explains_less(explained):
+    """An offset below the 0.05 K that are reported; an offset of the face would be reported, and explains less."""
+    found, _ = explained(("sensor_offset", "T1", {"offset": 0.045}))
+    assert names(found) == {("sensor_offset", "T1")} and found.verdict == "confusable", str(found)
+    assert [one.effect.name for one in found.effects[0].alternatives] == ["face_offset"]
+    assert abs(found.effects[0].values["offset"][0] - 0.045) < 0.015
+
+
 def test_a_rival_is_told_and_spans_the_interval(explained):
     """What was named, as if another fit came as close: the verdict, the sentence and the interval say so."""
     found, _ = explained(("solar_gain", "left", {"gain": 0.004}))

@@ -1,7 +1,11 @@
 """The stepwise selection ends, and compares a fit with those of its own size."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
+import pytest
+
+from wallid.discrepancy.selection import stepwise_selection
 from wallid.discrepancy.selection.stepwise_selection import StepwiseSelection, _has_one_more
 
 
@@ -14,8 +18,25 @@ class Fits:
     problem = None
     trials = ()  # no single effect was tried before
 
+    def __init__(self, p_value_of_plain=1.0):
+        self.p_value_of_plain = p_value_of_plain
+
     def refit_with_estimated_noise(self, fit):
         return fit
+
+    def without(self, fit, effect):
+        return Fit(tuple(one for one in fit.active if one != effect))
+
+    def residual_tests(self, fit):
+        return SimpleNamespace(p_value=1.0 if fit.active else self.p_value_of_plain)
+
+
+@pytest.fixture(autouse=True)
+def what_is_negligible(monkeypatch):
+    """The effects that are too small to be reported, by their names."""
+    negligible = set[str]()
+    monkeypatch.setattr(stepwise_selection, "reason_to_neglect", lambda fit, one: one if one in negligible else "")
+    return negligible
 
 
 def test_an_effect_that_was_removed_is_not_added_again():
@@ -59,3 +80,36 @@ def test_rivals_have_as_many_effects_as_the_fit():
     assert _has_one_more(Fit(("gain", "lag")), base)
     assert not _has_one_more(Fit(("gain", "lag", "offset")), base)
     assert not _has_one_more(Fit(("offset", "lag")), base) and not _has_one_more(base, base)
+
+
+@pytest.mark.parametrize(
+    ("p_value", "rival", "left"),
+    [
+        pytest.param(0.5, "", (), id="nothing shows it"),
+        pytest.param(1e-4, "", ("offset",), id="the residual shows it"),
+        pytest.param(0.5, "lag", ("offset",), id="what explains the record too would be reported"),
+        pytest.param(0.5, "drift", (), id="what explains the record too is negligible"),
+    ],
+)
+def test_a_negligible_effect_is_left_out_where_nothing_shows_it(what_is_negligible, monkeypatch, p_value, rival, left):
+    what_is_negligible |= {"offset", "drift"}
+    monkeypatch.setattr(stepwise_selection, "penalised_cost", lambda fit: 0.0)
+    monkeypatch.setattr(stepwise_selection, "reason_for_refusal", lambda fit: "")
+    selection = StepwiseSelection(Fits(p_value))
+    selection.rivals = [Fit((rival,))] if rival else []
+    assert selection._without_negligible(Fit(("offset",))).active == left
+
+
+def test_beside_a_negligible_effect_the_others_have_to_be_significant(what_is_negligible):
+    class Selection(StepwiseSelection):
+        significant = True
+
+        def _is_significant(self, fit, effect):
+            return self.significant
+
+    what_is_negligible.add("offset")
+    selection = Selection(Fits())
+    assert selection._without_negligible(Fit(("offset", "lag"))).active == ("lag",)
+    selection.significant = False
+    assert selection._without_negligible(Fit(("offset", "lag"))).active == ()
+    assert selection._without_negligible(Fit(("lag", "drift"))).active == ("lag", "drift")

@@ -165,6 +165,7 @@ def _search(plain_model: _PlainModel, progress: Progress) -> Diagnosis:
         plain, scores, lambda share: progress("diagnose: fitting the best candidates", 0.55 + 0.15 * share)
     )
     best = selection.select_further(chosen, lambda share: progress("diagnose: stepwise selection", 0.7 + 0.15 * share))
+    best = best if best.active else plain  # with the noise of the plain model
     progress("diagnose: comparing rival effects", 0.85)
     effects, p_value_of_one_more = selection.named_effects(best), selection.p_value_of_one_more(best)
     progress("diagnose: cross-validation", 0.9)

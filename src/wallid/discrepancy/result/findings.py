@@ -19,7 +19,12 @@ from ..heterogeneity.heterogeneity import Heterogeneity
 from ..next_measurement.actions import Prescription
 from ..problem import DiagnosisProblem, EffectParameters
 from ..residual_tests import ResidualTests, run_residual_tests
-from ..selection.acceptance import FIRST_EFFECT_LEVEL, RESIDUAL_TEST_LEVEL, reason_for_refusal
+from ..selection.acceptance import (
+    FIRST_EFFECT_LEVEL,
+    RESIDUAL_TEST_LEVEL,
+    reason_for_refusal,
+    reason_to_neglect,
+)
 from ..selection.effect_results import NamedEffect, RankedEffect, Trial
 from ..selection.score_test import CandidateScores
 from ..unexplained_heat import UnexplainedHeat
@@ -211,7 +216,7 @@ class Findings:
     def _rejected(self) -> list[Trial]:
         """The trials that gain far more than chance gives but were rejected; none where an effect was named.
 
-        They ended at a bound, or do not predict the days held out. Trials rejected as too small are not among them.
+        They ended at a bound, or do not predict the days held out. Sizes that may be zero are not among them.
         """
         if self.effects:
             return []
@@ -322,8 +327,8 @@ class Findings:
             return "the nearest known effect, refused" if self.incomplete else "in the model"
         if effect_parameters in self._alternatives:
             return f"cannot be distinguished from {nearest}"
-        if trial is not None and trial.reason:
-            return trial.reason
+        if trial is not None and (reason := trial.reason or reason_to_neglect(trial.fit, effect_parameters)):
+            return reason
         if self.scores.gain[index] == 0.0:
             return "its size has the wrong sign"
         if self.scores.p_value(self.scores.weighted_gain[index]) > FIRST_EFFECT_LEVEL:

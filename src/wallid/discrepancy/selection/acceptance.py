@@ -53,22 +53,27 @@ def gain_by_chance(threshold: Callable[[float], float], effects: int) -> float:
 
 
 def reason_for_refusal(fit: EffectFit) -> str:
-    """Why a fit is rejected; empty where it is accepted."""
+    """Why a fit is rejected, whatever else explains the record; empty where it is accepted."""
     problem = fit.problem
     if fit.at_bound:
         return f"{problem.label(fit.at_bound[0].effect)} is at the bound of its search range"
     if not np.isfinite(fit.cost):
         return "the fit is not finite"
     for effect_parameters in fit.active:
-        label, size = problem.label(effect_parameters.effect), effect_parameters.effect.parameters[0]
         value = abs(float(fit.parameters[effect_parameters.names[0]]))
         if value < _MIN_SIZE_RATIO * fit.std_of_size(effect_parameters):
-            return f"{label} has a size that this record cannot distinguish from zero"
-        small = size.smallest_reported is not None and value < size.smallest_reported
-        if small and _relative_shift(fit, effect_parameters) < _MIN_SHIFT:
-            limit = f"{size.smallest_reported:g} {size.unit}"
-            return f"{label} is smaller than {limit} and does not change the diffusivity"
+            return f"{problem.label(effect_parameters.effect)} has a size that this record cannot distinguish from zero"
     return ""
+
+
+def reason_to_neglect(fit: EffectFit, effect_parameters: EffectParameters) -> str:
+    """Why an effect of a fit is too small to be reported; empty where it is reported."""
+    size, value = effect_parameters.effect.parameters[0], abs(float(fit.parameters[effect_parameters.names[0]]))
+    small = size.smallest_reported is not None and value < size.smallest_reported
+    if not small or _relative_shift(fit, effect_parameters) >= _MIN_SHIFT:
+        return ""
+    label, limit = fit.problem.label(effect_parameters.effect), f"{size.smallest_reported:g} {size.unit}"
+    return f"{label} is smaller than {limit} and does not change the diffusivity"
 
 
 def _relative_shift(fit: EffectFit, effect_parameters: EffectParameters) -> float:

@@ -13,10 +13,12 @@ from ..problem import EffectParameters
 from .acceptance import (
     FIRST_EFFECT_LEVEL,
     FURTHER_EFFECT_LEVEL,
+    RESIDUAL_TEST_LEVEL,
     RIVAL,
     gain_by_chance,
     penalised_cost,
     reason_for_refusal,
+    reason_to_neglect,
 )
 from .candidate_fits import CandidateFits
 from .effect_results import NamedEffect
@@ -128,11 +130,40 @@ class StepwiseSelection:
         """Exchange, add and remove effects until the set of effects stays the same.
 
         Where these effects leave a significant residual, pairs that start from other single effects are tried too: two
-        wrong effects may be better than each pair with one of them and one right effect.
+        wrong effects may be better than each pair with one of them and one right effect. At last effects are left out
+        that are too small to be reported.
         """
-        fit = self._until_stable(fit, lambda share: progress(0.6 * share))
+        removed = set[EffectParameters]()
+        fit = self._until_stable(fit, removed, lambda share: progress(0.6 * share))
         other = self._pair_from_another_single(fit)
-        return fit if other is fit else self._until_stable(other, lambda share: progress(0.6 + 0.4 * share))
+        if other is not fit:
+            fit = self._until_stable(other, removed, lambda share: progress(0.6 + 0.4 * share))
+        while (smaller := self._without_negligible(fit)) is not fit:
+            removed |= {*fit.active} - {*smaller.active}
+            fit = self._until_stable(smaller, removed, progress)
+        return fit
+
+    def _without_negligible(self, fit: EffectFit) -> EffectFit:
+        """The fit without an effect that is too small to be reported, or the fit itself.
+
+        The effect is kept where the residual shows that it is missing, and where an effect that would be reported
+        explains the record nearly as well.
+        """
+        for effect_parameters in fit.active:
+            if reason_to_neglect(fit, effect_parameters):
+                base = self.fits.without(fit, effect_parameters)
+                rivals = ((added_effect(other, base), other) for other in self._close_rivals(fit, base))
+                matters = any(not reason_to_neglect(other, added) for added, other in rivals)
+                if not matters and self.fits.residual_tests(base).p_value >= RESIDUAL_TEST_LEVEL:
+                    unneeded = next((one for one in base.active if not self._is_significant(base, one)), None)
+                    return base if unneeded is None else self.fits.without(base, unneeded)
+        return fit
+
+    def _close_rivals(self, fit: EffectFit, base: EffectFit) -> list[EffectFit]:
+        """The fits with another effect in the place of the one that a base lacks, which explain the record as well."""
+        exchanged = (other for other in self.rivals if _has_one_more(other, base))
+        close = (other for other in exchanged if penalised_cost(other) - penalised_cost(fit) < RIVAL)
+        return [other for other in close if not reason_for_refusal(other)]
 
     def _pair_from_another_single(self, fit: EffectFit) -> EffectFit:
         """The best pair that contains one of the best single effects; the fit itself where none is better.
@@ -166,14 +197,16 @@ class StepwiseSelection:
                         break
         return best
 
-    def _until_stable(self, fit: EffectFit, progress: Callable[[float], None]) -> EffectFit:
+    def _until_stable(
+        self, fit: EffectFit, removed: set[EffectParameters], progress: Callable[[float], None]
+    ) -> EffectFit:
         """Exchange, add and remove effects until the set of effects stays the same.
 
         With the noise estimated again, an effect that was added may not be needed. Once removed, it is not added again.
         """
         if not fit.active:
             return fit
-        fit, removed = self.fits.refit_with_estimated_noise(fit), set[EffectParameters]()
+        fit, removed = self.fits.refit_with_estimated_noise(fit), removed.copy()
         for count in range(_MAX_ROUNDS):
             progress(count / _MAX_ROUNDS)
             new = self._exchange(fit)
@@ -204,10 +237,15 @@ class StepwiseSelection:
             return fit
         for effect_parameters in fit.active:
             reduced = self.fits.without(fit, effect_parameters)
-            threshold = self._threshold(self.fits.score_candidates(reduced), effect_parameters)
-            if penalised_cost(reduced) - penalised_cost(fit) < threshold and self.fits.acceptable(reduced):
+            if not self._is_significant(fit, effect_parameters) and self.fits.acceptable(reduced):
                 return reduced
         return fit
+
+    def _is_significant(self, fit: EffectFit, effect_parameters: EffectParameters) -> bool:
+        """Whether an effect of a fit gains more than chance and the model error of its others give."""
+        reduced = self.fits.without(fit, effect_parameters)
+        threshold = self._threshold(self.fits.score_candidates(reduced), effect_parameters)
+        return penalised_cost(reduced) - penalised_cost(fit) >= threshold
 
     def _exchange(self, fit: EffectFit) -> EffectFit:
         """The best fit with one of the effects exchanged, or the fit itself; the others are kept as rivals.
@@ -272,12 +310,7 @@ class StepwiseSelection:
                 key: (float(fit.parameters[name]), fit.std(name)) for key, name in effect_parameters.full_names.items()
             }
             exchanged = [other for other in self.rivals if _has_one_more(other, base)]
-            close = [other for other in exchanged if penalised_cost(other) - penalised_cost(fit) < RIVAL]
-            others = (
-                next(e for e in other.active if e not in base.active)
-                for other in close
-                if not reason_for_refusal(other)
-            )
+            others = (added_effect(other, base) for other in self._close_rivals(fit, base))
             alternatives = tuple(dict.fromkeys(other for other in others if other is not effect_parameters))
             named_effects.append(
                 NamedEffect(
@@ -298,6 +331,11 @@ class StepwiseSelection:
 def _has_one_more(fit: EffectFit, base: EffectFit) -> bool:
     """Whether a fit has the effects of a base and one more."""
     return len(fit.active) == len(base.active) + 1 and set(base.active) < set(fit.active)
+
+
+def added_effect(fit: EffectFit, base: EffectFit) -> EffectParameters:
+    """The effect of a fit that a base does not have."""
+    return next(effect for effect in fit.active if effect not in base.active)
 
 
 def _comparable(base: EffectFit, fit: EffectFit) -> float:
