@@ -123,7 +123,8 @@ def settled(found, spec: Spec, others: set[tuple[str, str | None]]) -> bool:
     named = [_name(found, one.effect_parameters) for one in found.effects]
     alternatives = {_name(found, other) for one in found.effects for other in one.alternatives}
     hidden = spec.effects[0]
-    return (hidden.name, hidden.target) in named and not others & {*named, *alternatives}
+    has_name = found.verdict in ("named", "confusable") and (hidden.name, hidden.target) in named
+    return has_name and not others & {*named, *alternatives}
 
 
 def _name(found, effect) -> tuple[str, str | None]:

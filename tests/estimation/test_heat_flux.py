@@ -16,6 +16,7 @@ from numpy.testing import assert_allclose
 from pages import check
 from results import SCHEMA
 from scipy.linalg import toeplitz
+from scipy.signal import lfilter
 from scipy.stats import chi2
 from typer.testing import CliRunner
 
@@ -438,6 +439,22 @@ def test_a_design_counts_fluxes_to_the_cramer_rao_bound(sensors):
     )
 
 
+def test_noise_of_the_faces_with_a_memory_reaches_the_plates():
+    """Its size at the plates, against the sine series."""
+    case, window = case_of(), wallid.Window(0, ROWS)
+    model, data = full_order_model_with_plates(case), wallid.models.window_data(case, window)
+    shape = fit_generalised_least_squares(case, window, data, model, DIFFUSIVITY, eta=1e-6).noise_shape
+    rho, rng = 0.9, np.random.default_rng(8)
+    noise = FACE * lfilter([np.sqrt(1.0 - rho**2)], [1.0, -rho], rng.standard_normal((100 * ROWS, 2)), axis=0)
+    left = np.stack([
+        np.convolve(one, weights, mode="same")
+        for one, weights in zip(noise.T, case.record.face_errors.filter_weights, strict=True)
+    ], axis=1)  # fmt: skip
+    through = CONDUCTIVITY / LENGTH * fluxes(left, STEP, DIFFUSIVITY / LENGTH**2)[ROWS:]
+    found = np.sqrt(shape.face_variance(0.0, 1.0, rho))
+    assert_allclose(found, np.sqrt(np.mean(through**2, axis=0)), rtol=0.1)
+
+
 @pytest.mark.slow
 def test_estimates_from_fluxes_scatter_as_the_design_expects():
     """Twelve records of other noise from a wall that did not begin at rest; the chi-square of their scatter."""
@@ -512,9 +529,9 @@ def result_of(*words):
 
 def noise_of_plate_and_faces(plate):
     """The stated noise of a plate, with the error of the filtered faces through the sine series, root mean square."""
-    autocovariance, rng = case_of().record.face_errors.filtered_autocovariance, np.random.default_rng(5)
+    noise, rng = case_of().record.face_errors.filtered_noise, np.random.default_rng(5)
     faces = np.zeros((20 * ROWS, 2))
-    for side, lags in enumerate(autocovariance):
+    for side, lags in enumerate(noise.limited(1.0, 0.0, 0.0)):
         assert lags[0] < FACE**2, "what is left of a face's noise"
         power = np.fft.rfft(np.pad(np.concatenate([lags, np.zeros(1), lags[:0:-1]]), (0, 0))).real.clip(0.0)
         kernel = np.fft.irfft(np.sqrt(power))

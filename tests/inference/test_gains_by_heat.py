@@ -22,6 +22,7 @@ from scipy.stats import multivariate_normal
 import wallid
 from wallid.inference.gains_by_heat import gains_by_heat
 from wallid.inference.noise_covariance import BinnedReadings, NoiseCovariance, NoiseShape
+from wallid.records.face_variation import FaceNoise
 
 BINS = 9
 
@@ -30,7 +31,7 @@ def shape_of(present, rows_per_bin=1):
     """A covariance's shape with readings where `present`, `(time, output)`."""
     rows, outputs = present.shape
     bins = BinnedReadings(jnp.zeros(present.shape), jnp.asarray(present.astype(float)), rows_per_bin)
-    return NoiseShape(np.zeros((2, rows, outputs)), bins, np.ones(outputs), 0.0, np.zeros((2, 1)))
+    return NoiseShape(np.zeros((2, rows, outputs)), bins, np.ones(outputs), FaceNoise.white(0.0), np.zeros((2, 1)))
 
 
 def noise_with(disturbance, whitening):

@@ -16,6 +16,7 @@ from studies import SPEC, parameters_at, prepare
 from wallid.discrepancy.model_with_effects import BinnedReadings, predict
 from wallid.inference.noise_covariance import NoiseCovariance, NoiseShape, covariance_of_filtered
 from wallid.inference.whittle_likelihood import estimate_noise, expected_widening, projected_sensitivity
+from wallid.records.face_variation import FaceNoise
 
 HOURLY = replace(
     SPEC, step=3600.0, days=12.0, positions=(0.04, 0.13), noise_std=0.05, boundary_noise_std=0.08, noise_seed=3
@@ -92,6 +93,36 @@ def test_filtered_noise_has_the_covariance_of_the_dense_product(bins, sensors, r
     G = np.concatenate([np.tril(toeplitz(column)) for column in response.T])
     want = G @ toeplitz(lags) @ G.T
     assert_allclose(covariance_of_filtered(response, lags), want, rtol=0, atol=1e-12 * np.abs(want).max())
+
+
+@given(st.integers(1, 3), st.floats(0.0, 2.0), st.floats(0.0, 2.0), st.floats(0.0, 0.99), st.integers(0, 2**32 - 1))
+def test_filtered_noise_of_a_face_keeps_the_shape_of_its_noise(rows_per_bin, white, autocorrelated, rho, seed):
+    """A moving average of noise with a memory, against the product of its matrices."""
+    rows, rng = 24, np.random.default_rng(seed)
+    weights = rng.standard_normal((2, 4))
+    face_noise = np.stack([np.correlate(one, one, "full")[3:] for one in weights])
+    bins = BinnedReadings(jnp.zeros((rows, 1)), jnp.ones((rows, 1)), rows_per_bin)
+    free = FaceNoise(face_noise, 1.0, np.full((2, 1), np.inf))
+    shape = NoiseShape(np.zeros((2, rows, 1)), bins, np.ones(1), free, np.zeros((2, 1)))
+    noise = autocorrelated * toeplitz(rho ** np.arange(rows + 3)) + white * np.eye(rows + 3)
+    binning = np.kron(np.eye(rows // rows_per_bin), np.full((1, rows_per_bin), 1.0 / rows_per_bin))
+    for one, found in zip(weights, shape.binned_face_noise(white, autocorrelated, rho), strict=True):
+        average = toeplitz(np.r_[one[0], np.zeros(rows - 1)], np.r_[one, np.zeros(rows - 1)])
+        want = binning @ average @ noise @ average.T @ binning.T
+        assert_allclose(found, want[0], rtol=0, atol=1e-12 * (1.0 + want[0, 0]))
+
+
+def test_noise_of_a_face_is_limited_by_the_power_of_its_readings():
+    """White noise of 0.1 K is limited by the smallest power, noise with a memory hardly, as it is small there too."""
+    omega = 2.0 * np.pi * np.arange(64) / 64
+    power = 0.01 * (1.0 - 0.8**2) / np.abs(1.0 - 0.8 * np.exp(1j * omega)) ** 2
+    noise = FaceNoise(np.full((2, 1), 0.01), 0.1, np.stack([power, np.full(64, 1.0)]))
+    assert_allclose(noise.share(1.0, 0.0, 0.5), [(1.0 - 0.8) / (1.0 + 0.8), 1.0])
+    assert_allclose(noise.share(0.0, 1.0, 0.8), 1.0)
+    assert_allclose(noise.share(0.0, 2.0, 0.8), [0.5, 1.0])
+    assert_allclose(noise.limited(0.0, 2.0, 0.8), [[0.005], [0.01]])
+    assert_allclose(FaceNoise.white(0.2).limited(3.0, 4.0, 0.9), 0.04)
+    assert_allclose(FaceNoise.white(0.0).limited(1.0, 0.0, 0.9), 0.0)
 
 
 def test_the_covariance_is_that_of_its_definition(hourly):
@@ -236,7 +267,7 @@ def test_an_effect_along_a_known_direction_does_not_pass_for_noise(hourly):
 def test_the_expected_widening_is_that_of_drawn_noise(readings, outputs):
     """White noise whose shape and size are estimated: the median width over that with known noise, of 25 draws."""
     bins = BinnedReadings(jnp.zeros((readings, outputs)), jnp.ones((readings, outputs)), 1)
-    model = NoiseShape(np.zeros((2, readings, outputs)), bins, np.ones(outputs), 0.0, np.zeros((2, 1)))
+    model = NoiseShape(np.zeros((2, readings, outputs)), bins, np.ones(outputs), FaceNoise.white(0.0), np.zeros((2, 1)))
     days = np.arange(readings) / 48.0
     slow = np.stack([np.sin(2 * np.pi * days) + 0.3 * days, np.ones(readings), days, np.exp(-3 * days)], axis=1)
     jacobian = np.concatenate([slow * factor for factor in (1.0, 0.5)[:outputs]])

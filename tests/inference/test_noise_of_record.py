@@ -13,6 +13,7 @@ import wallid
 from wallid.inference.likelihood import face_response
 from wallid.inference.noise_covariance import BinnedReadings, NoiseShape, restricted_to_reading_rows
 from wallid.inference.noise_of_record import gap_errors
+from wallid.records.face_variation import FaceNoise
 
 ROWS, PLACES, RATE = (
     interval.ROWS,
@@ -53,7 +54,7 @@ def model_of(response, fill, present, bin_rows=1, apart=1):
     bins = BinnedReadings(jnp.zeros((ROWS, 3)), jnp.asarray(present, dtype=float), bin_rows)
     gaps = gap_errors(fill, FACE, response, bins)
     response, bins, errors = restricted_to_reading_rows(response, bins, apart, np.zeros((2, 1)))
-    return NoiseShape(response, bins, np.full(3, SENSOR), FACE, errors, gaps=gaps)
+    return NoiseShape(response, bins, np.full(3, SENSOR), FaceNoise.white(FACE), errors, gaps=gaps)
 
 
 def test_each_gap_is_one_error_that_goes_through_the_wall(response, fill):
@@ -99,9 +100,9 @@ def test_the_covariance_is_that_of_drawn_gaps(response, fill):
         white = (binned @ noise.whitening.T)[:, there]
         tolerance = 4 * np.sqrt(2 / white.size) + (0.03 if rows > 1 else 0.0)  # the faces' noise is spread over a bin
         assert_allclose((white**2).mean(), 1.0, atol=tolerance)
-        without = NoiseShape(model.response, model.bins, model.sensor_std, FACE, model.face_errors).covariance_of(
-            1.0, 0.0, 0.5
-        )
+        without = NoiseShape(
+            model.response, model.bins, model.sensor_std, model.face_noise, model.face_errors
+        ).covariance_of(1.0, 0.0, 0.5)
         assert ((binned @ without.whitening.T)[:, there] ** 2).mean() > 1.2, "a covariance that forgets them"
         if rows == 1:
             size = np.sqrt((sample**2)[:, present].mean())

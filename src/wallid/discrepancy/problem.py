@@ -200,10 +200,10 @@ class DiagnosisProblem:
         positions = parameters.of_kind(SensorPositions.kind, FacePositions.kind)
         stated = parameters.with_values(dict.fromkeys(positions, 0.0))
         response = face_impulse_response(self.model, stated)
-        face_std, errors = face_noise_of_model(self.case)
+        face_noise, errors = face_noise_of_model(self.case)
         bending = self._bending_of_faces(stated, bins) if fluxes_of(self.case) else None
         return noise_shape_of_record(
-            self.record, response, bins, self.spacing, self.noise_stds, face_std, errors, bending
+            self.record, response, bins, self.spacing, self.noise_stds, face_noise, errors, bending
         )
 
     def _bending_of_faces(self, parameters: Parameters, bins: BinnedReadings) -> Float[np.ndarray, "error reading"]:

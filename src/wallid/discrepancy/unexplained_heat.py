@@ -106,10 +106,10 @@ class UnexplainedHeat:
         count, instruments = rows.observed.shape
         prior_std = np.ones(len(self._unit))
         prior_std[0] = _WIDE
-        face_std, face_errors = face_noise_of_model(problem.case)
+        face_noise, face_errors = face_noise_of_model(problem.case)
         fitted = FittedReadings(
             sensor_std=problem.noise_stds,
-            face_std=face_std,
+            face_noise=face_noise.limited(self.disturbance.noise_size, 0.0, 0.0),
             face_errors=face_errors.autocovariance,
             spacing=problem.spacing,
             white=self.disturbance.noise_size,

@@ -90,7 +90,9 @@ class FittedReadings:
     """What the filter's model is made of: the readings of a fit, its noise, its disturbance and its parameters.
 
     Args:
-        sensor_std, face_std: stated standard deviations of the noise of readings and faces.
+        sensor_std: stated standard deviations of the noise of the readings.
+        face_noise: autocovariance of each face's noise where that of its readings is white and as stated, K2,
+            `(face, lag)`.
         face_errors: autocovariance of what each face does between its rows, K2, `(face, lag)`.
         spacing: in rows, from one row with readings to the next.
         white, autocorrelated, correlation: of the noise at the rows with readings, as in `NoiseCovariance`.
@@ -103,7 +105,7 @@ class FittedReadings:
     """
 
     sensor_std: np.ndarray
-    face_std: float
+    face_noise: np.ndarray
     face_errors: np.ndarray
     spacing: int
     white: float
@@ -150,7 +152,7 @@ def fitted_readings(case: Case, fit: GLSFit) -> FittedReadings:
     prior_std[0], deviation[0] = _UNKNOWN_STD, 0.0
     return FittedReadings(
         sensor_std=fit.noise_shape.sensor_std,
-        face_std=fit.noise_shape.face_std,
+        face_noise=fit.noise_shape.face_noise.limited(noise.white, noise.autocorrelated, noise.correlation),
         face_errors=face_noise_of_model(case)[1].autocovariance,
         spacing=fit.problem.bins.rows_per_bin // fit.noise_shape.rows_per_bin,
         white=noise.white,
@@ -181,13 +183,17 @@ def filter_model_of(fitted: FittedReadings, readings: DisturbedReadings) -> Filt
     wall = gaussian_step(readings.slow, readings.fourier, readings.step, process, column, cubic=False)
     states = _States(wall, readings)
     states.add_wall()
-    states.add_face_noise(fitted.face_std * math.sqrt(fitted.white), [])
+    for side, own in enumerate(fitted.face_noise):
+        states.add_face_noise(math.sqrt(fitted.white * own[0]), _second_order(own), (side,))
     if fitted.autocorrelated > 0:
         total = math.sqrt(fitted.autocorrelated)
         by_row = fitted.correlation ** (1.0 / fitted.spacing)
         # the mean of a face's noise over `spacing` rows has its variance over `spacing`, as in the dense covariance
         of_mean = variance_of_mean(by_row, fitted.spacing)
-        states.add_face_noise(fitted.face_std * total / math.sqrt(fitted.spacing * of_mean), [by_row])
+        for side, own in enumerate(fitted.face_noise):
+            variance = 2.0 * own @ by_row ** np.arange(len(own)) - own[0]
+            std = total * math.sqrt(max(variance, 0.0) / (fitted.spacing * of_mean))
+            states.add_face_noise(std, _product([by_row], _second_order(own)), (side,))
         states.add_sensor_noise(fitted.sensor_std * total, by_row)
     for side, autocovariance in enumerate(fitted.face_errors):
         if autocovariance[0] > 0:
@@ -231,12 +237,20 @@ def readings_at(case: Case, fit: GLSFit) -> DisturbedReadings:
 
 
 def _second_order(autocovariance: np.ndarray) -> list[float]:
-    """The coefficients of an autoregression with these first lags (Yule and Walker); none where it is white."""
+    """The coefficients of an autoregression with these first lags (Yule and Walker); none where it is white or zero."""
+    if autocovariance[0] <= 0.0:
+        return []
     lags = np.pad(autocovariance, (0, 3))[:3] / autocovariance[0]
     if abs(lags[1]) < 1e-12 and abs(lags[2]) < 1e-12:
         return []
     first, second = scipy.linalg.solve_toeplitz(lags[:2], lags[1:])
     return [float(first), float(second)] if abs(second) > 1e-12 else [float(first)]
+
+
+def _product(one: list[float], other: list[float]) -> list[float]:
+    """The coefficients of the autoregression whose spectrum is the product of those of two."""
+    first, second = ([1.0, *(-value for value in coefficients)] for coefficients in (one, other))
+    return [-float(value) for value in np.convolve(first, second)[1:]]
 
 
 class _States:

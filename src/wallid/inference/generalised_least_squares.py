@@ -296,8 +296,7 @@ class _IteratedGLS:
         plates = response.shape[2] - len(case.sensors)
         response[:, :, len(case.sensors) :] *= conductance
         sensor_std = np.array([sensor.noise_std for sensor in case.sensors] + [flux_noise_std(case)] * plates)
-        face_std, errors = face_noise_of_model(case)
-        return noise_shape_of_record(self.record, response, bins, self.spacing, sensor_std, face_std, errors)
+        return noise_shape_of_record(self.record, response, bins, self.spacing, sensor_std, *face_noise_of_model(case))
 
 
 def _with_heat_in_gains(

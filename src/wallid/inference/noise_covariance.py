@@ -1,11 +1,13 @@
 """The covariance of the residual of a correct model: the sensors' noise, and the faces' noise propagated by the wall.
 
-    R = S C S' + sum_f G_f (s_f^2 C + V_f) G_f' + sum_g E_g E_g' + D,      C = v_w I + v_a AR(rho)
+    R = S C S' + sum_f G_f (C * N_f + V_f) G_f' + sum_g E_g E_g' + D,      C = v_w I + v_a AR(rho)
 
-`S` holds the stated standard deviations of the inner sensors, `s_f` is that of a face, and `G_f` the readings' response
-to a face reading. `V_f` is the covariance of what a face does between its readings (`records.face_variation`), and
-`E_g` the effect of the interpolation of a face over the gap g (`noise_of_record`). White noise and autocorrelated noise
-(a first-order autoregression) have variances relative to the stated one. They are estimated together with `rho`
+`S` holds the stated standard deviations of the inner sensors, and `G_f` the readings' response to a face. `N_f` is the
+autocovariance of what white noise of a face's readings does to the temperature that drives the model: its variance, or,
+beside a flux plate, the error of the filtered readings. `C * N_f` is its convolution with that of the noise. `V_f` is
+the covariance of what a face does between its readings (`records.face_variation`), and `E_g` the effect of the
+interpolation of a face over the gap g (`noise_of_record`). White noise and autocorrelated noise (a first-order
+autoregression) have variances relative to the stated one. They are estimated together with `rho`
 (`whittle_likelihood`). `D` is the part by a disturbance (`disturbance_covariance`), which takes the place of the
 autocorrelated noise. Position errors and offsets are no noise: they are parameters with priors.
 
@@ -26,7 +28,7 @@ import scipy
 from jaxtyping import Array, Float
 
 from .._internal.arrays import on_device
-from ..records.face_variation import of_means
+from ..records.face_variation import FaceNoise, of_means
 
 MAX_READINGS = 1500
 """Rows are averaged over bins until there are no more readings than this, because their covariance is dense."""
@@ -239,11 +241,6 @@ def variance_of_mean(rho: float, rows: int) -> float:
     return float((rho ** np.abs(i[:, None] - i)).mean())
 
 
-def autoregression_spectrum(rho: float | np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """Power of a first-order autoregression with variance 1, over that of white noise; `omega` in rad a row."""
-    return (1.0 - rho**2) / (1.0 - 2.0 * rho * np.cos(omega) + rho**2)
-
-
 class NoiseShape:
     """The covariance of the binned readings for any size of the noise, at one model.
 
@@ -251,7 +248,8 @@ class NoiseShape:
         response: response of the readings at the rows to 1 K more at one row of one face, `(face, row, sensor)`, with
             straight lines between rows.
         bins: the readings.
-        sensor_std: stated standard deviation of each sensor's readings, K. face_std: of the faces', K.
+        sensor_std: stated standard deviation of each sensor's readings, K.
+        face_noise: of the temperatures that drive the model; its autocovariance is N.
         face_errors: autocovariance of the errors of each face's cubics between its readings, K2, `(face, lag)`.
         gap_errors: effect of one standard deviation of each gap's interpolation on the binned readings, K,
             `(gap, reading)`.
@@ -262,7 +260,7 @@ class NoiseShape:
         response: np.ndarray,
         bins: BinnedReadings,
         sensor_std: np.ndarray,
-        face_std: float,
+        face_noise: FaceNoise,
         face_errors: np.ndarray,
         gaps: np.ndarray | None = None,
     ):
@@ -271,7 +269,7 @@ class NoiseShape:
         self.present, self.counts = np.asarray(bins.present), np.asarray(bins.counts())
         self.rows_per_bin = bins.rows_per_bin
         self.bin_count = -(-rows // bins.rows_per_bin)
-        self.sensor_std, self.face_std, self.face_errors = sensor_std, face_std, face_errors
+        self.sensor_std, self.face_noise, self.face_errors = sensor_std, face_noise, face_errors
         self.binned_face_errors = np.zeros((len(face_errors), self.bin_count))
         for errors, binned in zip(face_errors, self.binned_face_errors, strict=True):
             lags = of_means(errors, self.rows_per_bin)[: self.bin_count]
@@ -327,12 +325,29 @@ class NoiseShape:
 
     def faces_covariance(self, white: float, autocorrelated: float, rho: float) -> Float[np.ndarray, "reading reading"]:
         """The part of the covariance by the faces' noise and what they do between their readings, K2; without gaps."""
-        noise = self.face_std**2 * self._autocovariance_of_noise(white, autocorrelated, rho)
-        parts = zip(self.binned_response, self.binned_face_errors, strict=True)
-        R = np.sum([covariance_of_filtered(response, noise + errors) for response, errors in parts], axis=0)
+        noise = self.binned_face_noise(white, autocorrelated, rho)
+        parts = zip(self.binned_response, noise + self.binned_face_errors, strict=True)
+        R = np.sum([covariance_of_filtered(*part) for part in parts], axis=0)
         missing = ~self.has_reading
         R[missing] = R[:, missing] = 0.0
         return R
+
+    def binned_face_noise(self, white: float, autocorrelated: float, rho: float) -> Float[np.ndarray, "face bin"]:
+        """Autocovariance of the bins' means of each face's noise with these variances, by lag, K2."""
+        lags = (self.bin_count + 1) * self.rows_per_bin
+        rows = self._face_noise_at_rows(lags, white, autocorrelated, rho)
+        return np.stack([of_means(one, self.rows_per_bin)[: self.bin_count] for one in rows])
+
+    def _face_noise_at_rows(
+        self, lags: int, white: float, autocorrelated: float, rho: float
+    ) -> Float[np.ndarray, "face lag"]:
+        """Autocovariance of each face's noise with these variances, by lag in rows, K2."""
+        own = self.face_noise.limited(white, autocorrelated, rho)
+        reach = own.shape[1] - 1
+        noise = autocorrelated * rho ** np.abs(np.arange(-reach, lags + reach))
+        noise[reach] += white
+        both_signs = np.concatenate([own[:, :0:-1], own], axis=1)
+        return np.stack([np.convolve(noise, one, mode="valid") for one in both_signs])
 
     def _autocovariance_of_noise(self, white: float, autocorrelated: float, rho: float) -> np.ndarray:
         """Autocovariance of the bins' means of noise with these variances, by lag."""
@@ -358,15 +373,15 @@ class NoiseShape:
     def face_variance(self, white: float, autocorrelated: float, rho: float) -> Float[np.ndarray, " sensor"]:
         """Variance of each output at the rows by the errors of the faces, in its unit squared."""
         rows = self.response.shape[1]
-        autocovariance = 2 * autocorrelated * rho ** np.arange(rows)  # of both signs of the lag
-        autocovariance[0] = white + autocorrelated
+        of_readings = 2.0 * self._face_noise_at_rows(rows, white, autocorrelated, rho)  # of both signs of the lag
+        of_readings[:, 0] /= 2.0
         spectrum = np.fft.rfft(self.response, 2 * rows, axis=1)
         correlation = np.fft.irfft(np.abs(spectrum) ** 2, axis=1)[:, :rows]  # (face, lag, sensor)
         lags = min(rows, self.face_errors.shape[1])
         of_cubics = 2.0 * self.face_errors[:, :lags]
         of_cubics[:, 0] /= 2.0
-        of_readings = self.face_std**2 * np.einsum("flk,l->k", correlation, autocovariance)
-        return of_readings + np.einsum("flk,fl->k", correlation[:, :lags], of_cubics)
+        of_readings[:, :lags] += of_cubics
+        return np.einsum("flk,fl->k", correlation, of_readings)
 
     def _rms_of_outputs(self, white: float, autocorrelated: float, rho: float) -> np.ndarray:
         """Root mean square of the noise at the rows of each output, the faces' part included; NaN without a reading."""

@@ -20,7 +20,7 @@ import scipy
 from jaxtyping import Float
 
 from .._internal.arrays import on_device
-from ..records.face_variation import FaceErrors
+from ..records.face_variation import FaceErrors, FaceNoise
 from ..records.uniform_record import Record
 from .noise_covariance import BinnedReadings, NoiseShape, restricted_to_reading_rows
 
@@ -33,7 +33,7 @@ def noise_shape_of_record(
     bins: BinnedReadings,
     spacing: int,
     sensor_std: np.ndarray,
-    face_std: float,
+    face_noise: FaceNoise,
     face_errors: FaceErrors,
     bending: Float[np.ndarray, "error reading"] | None = None,
 ) -> NoiseShape:
@@ -44,7 +44,7 @@ def noise_shape_of_record(
         response: response of the readings at the rows to 1 K more at one row of one face, `(face, row, sensor)`.
         bins, spacing: as from `bin_readings`.
         sensor_std: standard deviation of each sensor's readings, K.
-        face_std: of a face's, K; 0 where the model's inputs are the readings without their noise.
+        face_noise: of the temperatures that drive the model.
         face_errors: what the faces do between rows; `FaceErrors.none()` where it is part of a noise that is estimated
             from the residual.
         bending: effect on the binned readings of one standard deviation of how the faces bend; None where it follows
@@ -55,7 +55,7 @@ def noise_shape_of_record(
         bending = bending_errors(face_errors.bendings(record.faces, record.step), response, bins)
     errors = face_errors.autocovariance
     response, bins, errors = restricted_to_reading_rows(response, bins, spacing, errors)
-    return NoiseShape(response, bins, sensor_std, face_std, errors, np.concatenate([gaps, bending]))
+    return NoiseShape(response, bins, sensor_std, face_noise, errors, np.concatenate([gaps, bending]))
 
 
 def gap_errors(

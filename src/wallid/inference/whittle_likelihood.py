@@ -23,7 +23,8 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from .noise_covariance import NoiseCovariance, NoiseShape, autoregression_spectrum, quantile_over_shapes
+from ..records.face_variation import autoregression_spectrum
+from .noise_covariance import NoiseCovariance, NoiseShape, quantile_over_shapes
 
 MIN_READINGS = 30
 """Readings beyond the number of parameters; from fewer the noise is not estimated but taken as stated."""
@@ -164,10 +165,14 @@ class _Whittle:
     def __init__(self, shape: NoiseShape, residual: np.ndarray, directions: np.ndarray):
         self.shape = shape
         spectrum = np.fft.rfft(shape.binned_response, 2 * shape.bin_count, axis=1)[:, : shape.bin_count]
-        face_gain = (np.abs(spectrum) ** 2).sum(axis=0)  # (frequency, sensor)
-        self.stated = shape.sensor_std**2 + shape.face_std**2 * face_gain
-        between = np.stack([self._cosine_variances(errors) for errors in shape.binned_face_errors])
-        between_rows = np.einsum("fk,fks->ks", between, np.abs(spectrum) ** 2)
+        gain = np.abs(spectrum) ** 2  # (face, frequency, sensor)
+        white = shape.rows_per_bin * shape.binned_face_noise(1.0, 0.0, 0.0)
+        white /= shape.face_noise.share(1.0, 0.0, 0.0)[:, None]
+        of_faces, between = (
+            np.stack([self._cosine_variances(one) for one in each]) for each in (white, shape.binned_face_errors)
+        )
+        self.of_faces = of_faces[:, :, None] * gain  # of noise without a limit
+        between_rows = np.einsum("fk,fks->ks", between, gain)
         self.spectra: dict[float, np.ndarray] = {}  # of autocorrelated noise, by rho
         present = shape.counts.T > 0  # (sensor, bin)
         self.has_readings = np.repeat(present.any(axis=1), shape.bin_count)
@@ -193,7 +198,9 @@ class _Whittle:
         if rho not in self.spectra:
             self.spectra[rho] = self._cosine_variances(self.shape.autocovariance(rho))
         flat = white / self.shape.rows_per_bin + autocorrelated * self.spectra[rho]
-        return (flat[:, None] * self.stated * self.present_share).T.reshape(-1)
+        share = self.shape.face_noise.share(white, autocorrelated, rho)
+        stated = self.shape.sensor_std**2 + np.tensordot(share, self.of_faces, axes=1)
+        return (flat[:, None] * stated * self.present_share).T.reshape(-1)
 
     def log_variance(self, sensitivity: np.ndarray, share: float, rho: float, log_total: float) -> float:
         """The logarithm of the variance of a parameter's estimate under noise of this shape and total."""

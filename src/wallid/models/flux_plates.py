@@ -13,7 +13,7 @@ from ..case.case_definition import Case
 from ..case.initial_profile import PROFILE_MODES, scales
 from ..case.time_window import Window, entire_record
 from ..case.wall_and_sensors import SIDES
-from ..records.face_variation import FaceErrors
+from ..records.face_variation import FaceErrors, FaceNoise
 from ..records.uniform_record import spline_slopes
 from .finite_volume_wall import HeatProfile, Output
 from .state_space import StateSpace
@@ -101,14 +101,16 @@ def faces_of_model(case: Case) -> tuple[Float[np.ndarray, "time face"], Float[np
     return faces, spline_slopes(faces, record.step)
 
 
-def face_noise_of_model(case: Case) -> tuple[float, FaceErrors]:
-    """The noise of the temperatures that drive the model, K, and what they do between rows.
+def face_noise_of_model(case: Case) -> tuple[FaceNoise, FaceErrors]:
+    """The noise of the temperatures that drive the model, and what they do between rows.
 
-    With plates the noise of the faces is that of the filter's error.
+    With plates the noise is that of the filter's error. What the faces do between rows is then left out, but for how
+    they bend (`FaceErrors.bent_courses`).
     """
+    record = case.record
     if fluxes_of(case):
-        return 0.0, case.record.face_errors.of_filtered
-    return case.record.boundary_noise_std, case.record.face_errors
+        return record.face_errors.filtered_noise, FaceErrors.none()
+    return FaceNoise.white(record.boundary_noise_std), record.face_errors
 
 
 def with_filtered_faces(case: Case, window: Window, data: WindowData) -> WindowData:

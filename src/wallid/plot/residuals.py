@@ -18,8 +18,8 @@ from ..discrepancy.model_with_effects import face_impulse_response
 from ..discrepancy.problem import DiagnosisProblem
 from ..discrepancy.residual_tests import ResidualTests
 from ..discrepancy.result.diagnosis_result import Diagnosis
-from ..inference.noise_covariance import autoregression_spectrum
 from ..models.flux_plates import face_noise_of_model, fluxes_of
+from ..records.face_variation import autoregression_spectrum
 from .house_style import GREY, axes_or_new, curve_style, line_style, marker_style, sensor_colour
 from .legends import legend_above, legend_below, root_figure, shortened, use_constrained_layout
 from .time_axis import TimeAxis
@@ -177,28 +177,35 @@ def cumulative_power(values: np.ndarray, step: float) -> tuple[np.ndarray, np.nd
 def expected_cumulative_power(fit: EffectFit) -> np.ndarray:
     """Share of the variance of the modelled noise below each frequency of `cumulative_power`, by instrument.
 
-    The power density is `(white + autocorrelated S(omega)) (noise_std^2 + boundary_std^2 |H(omega)|^2)
+    The power density is `(white + autocorrelated S(omega)) (noise_std^2 + N(omega) |H(omega)|^2)
     + V(omega) |H(omega)|^2`. `S` is the spectrum of an AR(1) process, `H` the frequency response of an instrument to
-    the boundary temperatures, and `V` the spectrum of their errors between rows, random and by bending.
+    the boundary temperatures, `N` the spectrum of their white noise in the model, and `V` that of their errors between
+    rows, random and by bending.
 
     Returns:
         Shares, `(frequency, instrument)`.
     """
     problem, noise = fit.problem, fit.noise
     rows = problem.record.rows
-    boundary_std, face_errors = face_noise_of_model(problem.case)
+    face_noise, face_errors = face_noise_of_model(problem.case)
+    sizes = noise.white, noise.autocorrelated, noise.correlation
     response = np.fft.rfft(face_impulse_response(problem.model, fit.parameters), axis=1)[:, 1 : (rows + 1) // 2]
     omega = 2 * np.pi * np.arange(1, response.shape[1] + 1) / rows
     spectrum = autoregression_spectrum(noise.correlation, omega)
     gain = np.abs(response) ** 2
-    face_variance = boundary_std**2 * gain.sum(axis=0)
+    face_variance = np.einsum("fw,fws->ws", _spectra(face_noise.limited(*sizes), omega), gain)
     power = (noise.white + noise.autocorrelated * spectrum)[:, None] * (problem.noise_stds**2 + face_variance)
-    errors = face_errors.autocovariance
-    between = errors[:, :1] + 2.0 * errors[:, 1:] @ np.cos(np.outer(np.arange(1, errors.shape[1]), omega))
     bendings = face_errors.bendings(problem.record.faces, problem.record.step)
     bending = (np.abs(np.fft.rfft(bendings, axis=-1)[..., 1 : (rows + 1) // 2]) ** 2).sum(axis=0) / rows
-    power += np.einsum("fw,fws->ws", np.maximum(between, 0.0) + bending, gain)
+    power += np.einsum("fw,fws->ws", _spectra(face_errors.autocovariance, omega) + bending, gain)
     return np.cumsum(power, axis=0) / power.sum(axis=0)
+
+
+def _spectra(autocovariance: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """The spectrum of each process, `(process, frequency)`, from its autocovariance by lag in rows."""
+    lags = np.arange(1, autocovariance.shape[1])
+    power = autocovariance[:, :1] + 2.0 * autocovariance[:, 1:] @ np.cos(np.outer(lags, omega))
+    return np.maximum(power, 0.0)
 
 
 def cumulative_periodogram(fit: EffectFit, title: str, *, legend: bool = True, ax: Axes | None = None) -> Axes:

@@ -24,7 +24,8 @@ The slow part is the daily cycle and the smooth process as its Wiener filter fin
 
 The readings without their noise are the daily cycle and what the Wiener filter finds in the rest, `H = 1 - n / f_d`.
 The noise `n` is the stated `s^2`, or the smallest value of `f_d` where that is lower. They are in error by a stationary
-process with the spectrum `H n`.
+process with the spectrum `H n`. Where the noise is found to be autocorrelated, its spectrum takes the place of `n`. Its
+size is then at most that at which it nowhere exceeds `f_d`.
 
 Source: P. Whittle, Ark. Mat. 2 (1953), 423; A. M. Yaglom, Correlation Theory of Stationary and Related Random Functions
 (1987), 1.
@@ -61,6 +62,41 @@ _MEAN_OF_CUBIC = (161.0 / 192.0, 18.0 / 192.0, -2.5 / 192.0)
 
 
 @dataclass(frozen=True, eq=False)
+class FaceNoise:
+    """The noise of the temperatures of two faces that drive a model.
+
+    Args:
+        autocovariance: where the noise of the readings is white and as stated, by lag in rows, K2; zero beyond.
+        stated_std: of a reading, K.
+        largest_power: the power of the readings at equal frequencies from 0 to 2 pi rad a row, K2, which noise cannot
+            exceed; infinite without a limit.
+    """
+
+    autocovariance: Float[np.ndarray, "face lag"]
+    stated_std: float
+    largest_power: Float[np.ndarray, "face frequency"]
+
+    @classmethod
+    def white(cls, std: float) -> FaceNoise:
+        """White noise of readings that drive the model as they are; `std` in K."""
+        return cls(np.full((2, 1), std**2), std, np.full((2, 1), np.inf))
+
+    def share(self, white: float, autocorrelated: float, rho: float) -> Float[np.ndarray, " face"]:
+        """The share of noise with these variances, over the stated one, that the power of each face leaves room for.
+
+        At most 1: `min_w P(w) / (s^2 (v_w + v_a AR(w)))`.
+        """
+        omega = 2.0 * np.pi * np.arange(self.largest_power.shape[1]) / self.largest_power.shape[1]
+        power = self.stated_std**2 * (white + autocorrelated * autoregression_spectrum(rho, omega))
+        room = self.largest_power / np.maximum(power, 1e-300)
+        return np.minimum(room.min(axis=1), 1.0)
+
+    def limited(self, white: float, autocorrelated: float, rho: float) -> Float[np.ndarray, "face lag"]:
+        """`autocovariance` times `share`, K2."""
+        return self.share(white, autocorrelated, rho)[:, None] * self.autocovariance
+
+
+@dataclass(frozen=True, eq=False)
 class FaceErrors:
     """The errors of the cubics through the readings of two faces, as means over a row.
 
@@ -69,24 +105,19 @@ class FaceErrors:
         slow_weights: of the readings around a row in its slow part, `_LAGS` before it to `_LAGS` after it.
         bending_std: standard deviation of the share of the slow and of the fast part.
         filter_weights: of the readings around a row in the reading without its noise.
-        filtered_autocovariance: of the error of a reading without its noise, by lag in rows, K2.
+        filtered_noise: the noise that is left in the readings without their noise.
     """
 
     autocovariance: Float[np.ndarray, "face lag"]
     slow_weights: Float[np.ndarray, "face weight"]
     bending_std: tuple[float, float] = (SLOW_BENDING_STD, FAST_BENDING_STD)
     filter_weights: Float[np.ndarray, "face weight"] = field(default_factory=lambda: np.ones((2, 1)))
-    filtered_autocovariance: Float[np.ndarray, "face lag"] = field(default_factory=lambda: np.zeros((2, 1)))
+    filtered_noise: FaceNoise = field(default_factory=lambda: FaceNoise.white(0.0))
 
     @classmethod
     def none(cls) -> FaceErrors:
-        """No errors: faces that are known between their rows, or whose errors are part of another noise."""
+        """No errors: faces that are known between their rows, or whose errors are left out or part of another noise."""
         return cls(np.zeros((2, 1)), np.zeros((2, 1)), (0.0, 0.0))
-
-    @property
-    def of_filtered(self) -> FaceErrors:
-        """The errors of readings without their noise, alone."""
-        return FaceErrors(self.filtered_autocovariance, np.zeros((2, 1)), (0.0, 0.0))
 
     def bent_courses(
         self, faces: Float[np.ndarray, "time face"], filtered: Float[np.ndarray, "time face"], step: float
@@ -149,17 +180,18 @@ def cubic_errors(faces: Float[np.ndarray, "time face"], step: float, noise_std: 
     Returns:
         no error that varies from row to row, and no fast part, where the readings are too few or constant.
     """
-    autocovariance, slow, weights, filtered = (
+    autocovariance, slow, weights, filtered, power = (
         np.stack(part) for part in zip(*(_errors_of_one(face, step, noise_std) for face in faces.T), strict=True)
     )
-    return FaceErrors(autocovariance, slow, filter_weights=weights, filtered_autocovariance=filtered)
+    noise = FaceNoise(filtered, noise_std, power)
+    return FaceErrors(autocovariance, slow, filter_weights=weights, filtered_noise=noise)
 
 
 def _errors_of_one(values: np.ndarray, step: float, noise_std: float) -> tuple[np.ndarray, ...]:
-    """Autocovariance, slow weights, filter weights and autocovariance of the filtered readings of one face."""
+    """Autocovariance, slow and filter weights, autocovariance of the noise left, and power of a face's readings."""
     if len(values) < _FEWEST_ROWS or np.ptp(values) == 0.0:
         own = np.eye(2 * _LAGS + 1)[_LAGS]
-        return np.zeros(_LAGS), own, own, noise_std**2 * own[_LAGS:-1]
+        return np.zeros(_LAGS), own, own, noise_std**2 * own[_LAGS:-1], np.full(len(_GRID), np.inf)
     theta, power, count = _periodogram(_without_daily_cycle(values, step))
     smooth, smooth_rate, rough, rough_rate, noise = _fit(theta, power, count, noise_std)
     theta = np.maximum(np.minimum(_GRID, 2.0 * np.pi - _GRID), 1e-6)
@@ -171,7 +203,8 @@ def _errors_of_one(values: np.ndarray, step: float, noise_std: float) -> tuple[n
         np.fft.ifft(spectrum).real[:_LAGS],
         _around_row(slow / total),
         _around_row(1.0 - white / total),
-        np.fft.ifft((total - white) * white / total).real[:_LAGS],
+        noise_std**2 * np.fft.ifft(1.0 - white / total).real[:_LAGS],
+        total,
     )
 
 
@@ -223,6 +256,11 @@ def _parts(theta: np.ndarray, smooth: float, smooth_rate: float, rough: float, r
 def _smooth_power(squared_frequency: np.ndarray, variance: float, rate: float) -> np.ndarray:
     """Power of the smooth part."""
     return 4.0 * variance * rate**3 / (rate**2 + squared_frequency) ** 2
+
+
+def autoregression_spectrum(rho: float | np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """Power of a first-order autoregression with variance 1, over that of white noise; `omega` in rad a row."""
+    return (1.0 - rho**2) / (1.0 - 2.0 * rho * np.cos(omega) + rho**2)
 
 
 def _sampled_rough_power(theta: np.ndarray, variance: float, rate: float) -> tuple[np.ndarray, np.ndarray]:

@@ -150,6 +150,6 @@ def _whitening(fit: EffectFit, sensor: Sensor, like: int, response: np.ndarray) 
         problem.bins.rows_per_bin,
     )
     stds = np.append(problem.noise_stds, sensor.noise_std)
-    face_std, errors = face_noise_of_model(problem.case)
-    shape = noise_shape_of_record(problem.record, response, bins, problem.spacing, stds, face_std, errors)
+    faces = face_noise_of_model(problem.case)
+    shape = noise_shape_of_record(problem.record, response, bins, problem.spacing, stds, *faces)
     return shape.covariance_like(fit.noise).whitening
