@@ -117,9 +117,8 @@ def test_noise_of_a_face_is_limited_by_the_power_of_its_readings():
     omega = 2.0 * np.pi * np.arange(64) / 64
     power = 0.01 * (1.0 - 0.8**2) / np.abs(1.0 - 0.8 * np.exp(1j * omega)) ** 2
     noise = FaceNoise(np.full((2, 1), 0.01), 0.1, np.stack([power, np.full(64, 1.0)]))
-    assert_allclose(noise.share(1.0, 0.0, 0.5), [(1.0 - 0.8) / (1.0 + 0.8), 1.0])
-    assert_allclose(noise.share(0.0, 1.0, 0.8), 1.0)
-    assert_allclose(noise.share(0.0, 2.0, 0.8), [0.5, 1.0])
+    assert_allclose(noise.largest_size(1.0, 0.0, 0.5), [(1.0 - 0.8) / (1.0 + 0.8), 100.0])
+    assert_allclose(noise.largest_size(0.0, 1.0, 0.8), [1.0, 100.0 / 9.0])
     assert_allclose(noise.limited(0.0, 2.0, 0.8), [[0.005], [0.01]])
     assert_allclose(FaceNoise.white(0.2).limited(3.0, 4.0, 0.9), 0.04)
     assert_allclose(FaceNoise.white(0.0).limited(1.0, 0.0, 0.9), 0.0)

@@ -270,10 +270,7 @@ class NoiseShape:
         self.rows_per_bin = bins.rows_per_bin
         self.bin_count = -(-rows // bins.rows_per_bin)
         self.sensor_std, self.face_noise, self.face_errors = sensor_std, face_noise, face_errors
-        self.binned_face_errors = np.zeros((len(face_errors), self.bin_count))
-        for errors, binned in zip(face_errors, self.binned_face_errors, strict=True):
-            lags = of_means(errors, self.rows_per_bin)[: self.bin_count]
-            binned[: len(lags)] = lags
+        self.binned_face_errors = self.binned_autocovariance(face_errors)
         self.gap_errors = np.zeros((0, sensors * self.bin_count)) if gaps is None else gaps
         padded = np.pad(self.response, ((0, 0), (0, self.bin_count * bins.rows_per_bin - rows), (0, 0)))
         # response of a bin's mean to a change of a face over a bin
@@ -335,8 +332,15 @@ class NoiseShape:
     def binned_face_noise(self, white: float, autocorrelated: float, rho: float) -> Float[np.ndarray, "face bin"]:
         """Autocovariance of the bins' means of each face's noise with these variances, by lag, K2."""
         lags = (self.bin_count + 1) * self.rows_per_bin
-        rows = self._face_noise_at_rows(lags, white, autocorrelated, rho)
-        return np.stack([of_means(one, self.rows_per_bin)[: self.bin_count] for one in rows])
+        return self.binned_autocovariance(self._face_noise_at_rows(lags, white, autocorrelated, rho))
+
+    def binned_autocovariance(self, autocovariance: Float[np.ndarray, "face lag"]) -> Float[np.ndarray, "face bin"]:
+        """Autocovariance of the bins' means of a process at each face, from that by lag in rows; zero beyond it."""
+        binned = np.zeros((len(autocovariance), self.bin_count))
+        for own, one in zip(binned, autocovariance, strict=True):
+            lags = of_means(one, self.rows_per_bin)[: self.bin_count]
+            own[: len(lags)] = lags
+        return binned
 
     def _face_noise_at_rows(
         self, lags: int, white: float, autocorrelated: float, rho: float

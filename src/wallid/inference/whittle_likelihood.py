@@ -166,12 +166,12 @@ class _Whittle:
         self.shape = shape
         spectrum = np.fft.rfft(shape.binned_response, 2 * shape.bin_count, axis=1)[:, : shape.bin_count]
         gain = np.abs(spectrum) ** 2  # (face, frequency, sensor)
-        white = shape.rows_per_bin * shape.binned_face_noise(1.0, 0.0, 0.0)
-        white /= shape.face_noise.share(1.0, 0.0, 0.0)[:, None]
+        white = shape.rows_per_bin * shape.binned_autocovariance(shape.face_noise.autocovariance)
         of_faces, between = (
             np.stack([self._cosine_variances(one) for one in each]) for each in (white, shape.binned_face_errors)
         )
-        self.of_faces = of_faces[:, :, None] * gain  # of noise without a limit
+        of_sensors = np.broadcast_to(shape.sensor_std**2, (1, *gain.shape[1:]))
+        self.stated = np.concatenate([of_sensors, of_faces[:, :, None] * gain])  # (part, frequency, sensor)
         between_rows = np.einsum("fk,fks->ks", between, gain)
         self.spectra: dict[float, np.ndarray] = {}  # of autocorrelated noise, by rho
         present = shape.counts.T > 0  # (sensor, bin)
@@ -193,19 +193,24 @@ class _Whittle:
         ends = edge_spectrum(cov, omega)
         return np.maximum(2 * dct_spectrum(cov, omega) - cov[0] - ends, 1e-12 * cov[0])
 
-    def density(self, white: float, autocorrelated: float, rho: float) -> np.ndarray:
-        """The variance of each cosine coefficient of the noise, sensor by sensor, at these variances."""
+    def _parts(self, white: float, autocorrelated: float, rho: float) -> Float[np.ndarray, "part coefficient"]:
+        """The variance of each cosine coefficient by the noise of the readings, and of each face without a limit."""
         if rho not in self.spectra:
             self.spectra[rho] = self._cosine_variances(self.shape.autocovariance(rho))
         flat = white / self.shape.rows_per_bin + autocorrelated * self.spectra[rho]
-        share = self.shape.face_noise.share(white, autocorrelated, rho)
-        stated = self.shape.sensor_std**2 + np.tensordot(share, self.of_faces, axes=1)
-        return (flat[:, None] * stated * self.present_share).T.reshape(-1)
+        parts = self.stated * (flat[:, None] * self.present_share)
+        return parts.transpose(0, 2, 1).reshape(len(parts), -1)
+
+    def density(self, white: float, autocorrelated: float, rho: float) -> np.ndarray:
+        """The variance of each cosine coefficient of the noise, sensor by sensor, at these variances."""
+        largest = np.append(np.inf, self.shape.face_noise.largest_size(white, autocorrelated, rho))
+        return np.minimum(largest, 1.0) @ self._parts(white, autocorrelated, rho)
 
     def log_variance(self, sensitivity: np.ndarray, share: float, rho: float, log_total: float) -> float:
         """The logarithm of the variance of a parameter's estimate under noise of this shape and total."""
         power = self._transform(sensitivity) ** 2
-        density = np.exp(log_total) * self.density(1.0 - share, share, rho) + self.between_rows
+        total = np.exp(log_total)
+        density = self.density(total * (1.0 - share), total * share, rho) + self.between_rows
         return -float(np.log(np.sum(power / density)))
 
     def project_out(self, sizes: tuple[float, float, float]) -> None:
@@ -223,18 +228,20 @@ class _Whittle:
         """`-2 log L` at the best total variance, and that variance's logarithm."""
         if not (0.0 <= share <= 1.0 and 0.0 <= rho <= _MAX_CORRELATION):
             return 1e12, 0.0
-        shape, between = self.density(1.0 - share, share, rho)[self.used], self.between_rows[self.used]
-        total = np.log(self.weight @ (self.power / (shape + between)) / self.weight.sum())
+        parts, between = self._parts(1.0 - share, share, rho)[:, self.used], self.between_rows[self.used]
+        largest = np.append(np.inf, self.shape.face_noise.largest_size(1.0 - share, share, rho))
+        at_one = np.minimum(largest, 1.0) @ parts + between
+        total = np.log(self.weight @ (self.power / at_one) / self.weight.sum())
         for _ in range(_SCORING_STEPS):
-            own = np.exp(total) * shape
-            density = own + between
-            part = own / density
+            sizes = np.minimum(np.exp(total), largest)
+            density = sizes @ parts + between
+            part = np.where(sizes < largest, sizes, 0.0) @ parts / density  # derivative of its logarithm
             score = self.weight @ (part * (self.power / density - 1.0)) - 2.0 * total / _PRIOR_STD**2
             step = score / (self.weight @ part**2 + 2.0 / _PRIOR_STD**2)
             total += np.clip(step, -1.0, 1.0)
             if abs(step) < 1e-3:
                 break
-        density = np.exp(total) * shape + between
+        density = np.minimum(np.exp(total), largest) @ parts + between
         cost = self.weight @ (np.log(density) + self.power / density)
         return float(cost + (total / _PRIOR_STD) ** 2), float(total)
 

@@ -81,19 +81,18 @@ class FaceNoise:
         """White noise of readings that drive the model as they are; `std` in K."""
         return cls(np.full((2, 1), std**2), std, np.full((2, 1), np.inf))
 
-    def share(self, white: float, autocorrelated: float, rho: float) -> Float[np.ndarray, " face"]:
-        """The share of noise with these variances, over the stated one, that the power of each face leaves room for.
+    def largest_size(self, white: float, autocorrelated: float, rho: float) -> Float[np.ndarray, " face"]:
+        """The largest factor of noise with these variances, over the stated one, that the power of each face allows.
 
-        At most 1: `min_w P(w) / (s^2 (v_w + v_a AR(w)))`.
+        `min_w P(w) / (s^2 (v_w + v_a AR(w)))`.
         """
         omega = 2.0 * np.pi * np.arange(self.largest_power.shape[1]) / self.largest_power.shape[1]
         power = self.stated_std**2 * (white + autocorrelated * autoregression_spectrum(rho, omega))
-        room = self.largest_power / np.maximum(power, 1e-300)
-        return np.minimum(room.min(axis=1), 1.0)
+        return (self.largest_power / np.maximum(power, 1e-300)).min(axis=1)
 
     def limited(self, white: float, autocorrelated: float, rho: float) -> Float[np.ndarray, "face lag"]:
-        """`autocovariance` times `share`, K2."""
-        return self.share(white, autocorrelated, rho)[:, None] * self.autocovariance
+        """`autocovariance` times `largest_size`, where that is below 1, K2."""
+        return np.minimum(self.largest_size(white, autocorrelated, rho), 1.0)[:, None] * self.autocovariance
 
 
 @dataclass(frozen=True, eq=False)
