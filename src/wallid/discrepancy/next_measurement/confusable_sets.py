@@ -13,6 +13,7 @@ from ..problem import EffectParameters
 from ..result.findings import Findings
 from ..selection.acceptance import FIRST_EFFECT_LEVEL, RIVAL, penalised_cost
 from ..selection.effect_results import NamedEffect
+from ..selection.stepwise_selection import added_effect
 from .candidate_records import CandidateRecord
 from .present_record import PresentRecord
 from .separation import Separation, separation
@@ -86,5 +87,5 @@ def _best_by_effect(named: NamedEffect) -> dict[EffectParameters, EffectFit]:
     """The best fit with each other effect in the place of a named one."""
     best: dict[EffectParameters, EffectFit] = {}
     for fit in sorted(named.exchanged, key=penalised_cost):
-        best.setdefault(next(effect for effect in fit.active if effect not in named.without.active), fit)
+        best.setdefault(added_effect(fit, named.without), fit)
     return best
