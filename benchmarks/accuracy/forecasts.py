@@ -65,6 +65,11 @@ def forecast(kind: Forecast, number: int) -> dict:
     }
 
 
+def _key_of(kind: Forecast, number: int) -> tuple:
+    """The values of `KEYS` of a record, and the days before its origin."""
+    return *key_of(kind, number), kind.days
+
+
 def summary(outcomes: list[dict], days: float) -> str:
     """The share of readings in their bands, by hours after the origin, and of the whole day."""
     lines = []
@@ -94,7 +99,7 @@ def main() -> None:
     arguments = parser.parse_args()
     of_each = kinds(arguments.days)
     tasks = [(kind, number) for number in range(-(-arguments.origins // len(of_each))) for kind in of_each]
-    done = resumed(arguments.log, tasks, forecast, key_of, KEYS, arguments.workers)
+    done = resumed(arguments.log, tasks, forecast, _key_of, (*KEYS, "days"), arguments.workers)
     print(summary(done, arguments.days))
 
 

@@ -189,7 +189,8 @@ def _by_bins(lines: list[dict], event: str) -> Iterator[str]:
     for low, high in pairwise(_BINS):
         own = (low <= stated) & (stated < high + (high == 1.0))
         if count := own.sum():
-            mean, band = stated[own].mean(), binom.ppf([0.00625, 0.99375], count, stated[own].mean()) / count
+            mean = stated[own].mean()
+            band = binom.ppf([0.00625, 0.99375], count, mean) / count
             yield f"| {low} to {high} | {count} | {mean:.2f} | {true[own].mean():.2f} | {band.round(2)} |"
     skill = 1.0 - np.mean((stated - true) ** 2) / max(float(np.mean((true.mean() - true) ** 2)), 1e-12)
     yield f"Brier skill {skill:.2f}"

@@ -298,11 +298,8 @@ def test_readings_far_apart_are_thinned_and_not_taken_for_means():
     assert apart == 120 and bins.rows_per_bin == 120
     response = np.full((2, 2881, 2), 1e-3)
     thin, few, errors = restricted_to_reading_rows(response, bins, apart, np.zeros((2, 24)))
-    R = (
-        NoiseShape(thin, few, np.array([0.1, 0.2]), FaceNoise.white(0.05), errors)
-        .covariance_of(1.0, 0.0, 0.5)
-        .covariance
-    )
+    shape = NoiseShape(thin, few, np.array([0.1, 0.2]), FaceNoise.white(0.05), errors)
+    R = shape.covariance_of(1.0, 0.0, 0.5).covariance
     assert R.shape == (50, 50)
     # the last reading sees the noise of all rows before, each with 1e-3, from two faces
     assert R[24, 24] == pytest.approx(0.1**2 + 2 * 2881 * (0.05 * 1e-3) ** 2, rel=0.05)

@@ -91,8 +91,7 @@ class FittedReadings:
 
     Args:
         sensor_std: stated standard deviations of the noise of the readings.
-        face_noise: autocovariance of each face's noise where that of its readings is white and as stated, K2,
-            `(face, lag)`.
+        face_noise: as from `FaceNoise.limited` at the noise found, K2, `(face, lag)`.
         face_errors: autocovariance of what each face does between its rows, K2, `(face, lag)`.
         spacing: in rows, from one row with readings to the next.
         white, autocorrelated, correlation: of the noise at the rows with readings, as in `NoiseCovariance`.

@@ -144,20 +144,30 @@ class StepwiseSelection:
         return fit
 
     def _without_negligible(self, fit: EffectFit) -> EffectFit:
-        """The fit without an effect that is too small to be reported, or the fit itself.
+        """The fit without an effect that need not be reported, or the fit itself.
 
-        The effect is kept where the residual shows that it is missing, and where an effect that would be reported
-        explains the record nearly as well.
+        The other effects have to be significant without it.
         """
-        for effect_parameters in fit.active:
-            if reason_to_neglect(fit, effect_parameters):
-                base = self.fits.without(fit, effect_parameters)
-                rivals = ((added_effect(other, base), other) for other in self._close_rivals(fit, base))
-                matters = any(not reason_to_neglect(other, added) for added, other in rivals)
-                if not matters and self.fits.residual_tests(base).p_value >= RESIDUAL_TEST_LEVEL:
-                    unneeded = next((one for one in base.active if not self._is_significant(base, one)), None)
-                    return base if unneeded is None else self.fits.without(base, unneeded)
-        return fit
+        negligible = next((one for one in fit.active if self._is_negligible(fit, one)), None)
+        if negligible is None:
+            return fit
+        base = self.fits.without(fit, negligible)
+        unneeded = next((one for one in base.active if not self._is_significant(base, one)), None)
+        return base if unneeded is None else self.fits.without(base, unneeded)
+
+    def _is_negligible(self, fit: EffectFit, effect_parameters: EffectParameters) -> bool:
+        """Whether an effect is too small to be reported, and its absence changes no conclusion.
+
+        It does where the residual shows that the effect is missing, and where an effect that would be reported explains
+        the record nearly as well.
+        """
+        if not reason_to_neglect(fit, effect_parameters):
+            return False
+        base = self.fits.without(fit, effect_parameters)
+        rivals = self._close_rivals(fit, base)
+        if any(not reason_to_neglect(other, added_effect(other, base)) for other in rivals):
+            return False
+        return self.fits.residual_tests(base).p_value >= RESIDUAL_TEST_LEVEL
 
     def _close_rivals(self, fit: EffectFit, base: EffectFit) -> list[EffectFit]:
         """The fits with another effect in the place of the one that a base lacks, which explain the record as well."""
