@@ -71,7 +71,7 @@ def no_errors_between_rows():
     from wallid.records.face_variation import FaceErrors
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(uniform_record, "cubic_errors", lambda faces, step, noise_std: FaceErrors.none())
+        patch.setattr(uniform_record, "cubic_errors", lambda faces, step, noise_std, memory: FaceErrors.none())
         yield
 
 

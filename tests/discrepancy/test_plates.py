@@ -15,7 +15,9 @@ import wallid
 from wallid.discrepancy.effects.catalogue import library, untestable
 from wallid.discrepancy.model_with_effects import face_change_response, first_order_columns, linearise, predict
 from wallid.discrepancy.problem import diagnosis_problem
+from wallid.discrepancy.selection.candidate_fits import plain_model_of
 from wallid.discrepancy.selection.chance_gains import ChanceGains
+from wallid.models.flux_plates import faces_of_model
 from wallid.records.face_variation import FaceErrors
 
 WITH_PLATES = replace(SPEC, plates=("left", "right"), flux_noise_std=1e-6)
@@ -256,6 +258,20 @@ def test_the_gain_of_one_of_two_plates_cannot_be_told_from_that_of_the_other(dia
     ]
     assert inside(found.quantities["resistance"], true["resistance"]), "the interval spans both"
     assert not any(action.kind == "flux_plate" for one in found.prescriptions for action in one.actions)
+
+
+def test_the_faces_are_filtered_for_the_noise_that_the_sensors_show(tmp_path):
+    """Its memory is that of the drawn noise, and the model's faces are the readings filtered for it."""
+    spec = replace(CAMPAIGN, positions=(0.1, 0.2), plates=("left",), noise="ar09")
+    write_case(spec, tmp_path)
+    case = wallid.load(tmp_path)
+    fits, plain = plain_model_of(diagnosis_problem(case))
+    memory = fits.problem.case.record.noise_memory
+    assert memory.share > 0.8 and memory.correlation == pytest.approx(0.9, abs=0.1)
+    faces, _ = faces_of_model(replace(case, record=case.record.with_noise_memory(memory)))
+    at_rows = np.asarray(plain.problem.model.forcing.faces)[:, 0]
+    assert_allclose(at_rows, faces[: len(at_rows)], atol=1e-9)
+    assert not np.allclose(at_rows, faces_of_model(case)[0][: len(at_rows)], atol=1e-3)
 
 
 def test_an_offset_of_a_plate_is_named(diagnosed):

@@ -305,6 +305,49 @@ def test_sensors_and_plates_together():
     assert joined.residual.shape == (ROWS, 2) and joined.sensor_count == 1
 
 
+def test_noise_with_a_memory_beside_a_plate_is_no_gust_and_no_heat():
+    """Six days of sensors and a plate, each with noise of the correlation 0.9; the sine series is the truth.
+
+    With faces filtered for white noise the errors are 3.9 and 3.5 standard errors, and heat is found behind a face.
+    """
+    places, rows, rho = np.array([0.25, 0.5, 0.75]), 2 * ROWS, 0.9
+    rate = DIFFUSIVITY / LENGTH**2
+
+    def noise(std, rng, *shape):
+        own = rng.standard_normal((200 + rows, *shape))
+        return std * lfilter([np.sqrt(1.0 - rho**2)], [1.0, -rho], own, axis=0)[200:]
+
+    def standardised_error(seed):
+        fine = weather((12 * ROWS + rows - 1) * PARTS + 1, STEP / PARTS, np.random.default_rng(seed), hours=(8.0, 2.0))
+        inside = temperatures(fine, STEP / PARTS, places, rate)[::PARTS][-rows:]
+        flux = CONDUCTIVITY / LENGTH * fluxes(fine, STEP / PARTS, rate)[::PARTS][-rows:, 0]
+        time, rng = STEP * np.arange(rows), np.random.default_rng([seed, 5])
+        record = wallid.Record(
+            time,
+            time,
+            None,
+            fine[::PARTS][-rows:] + noise(0.1, rng, 2),
+            inside + noise(0.05, rng, 3),
+            ("T1", "T2", "T3"),
+            regressors={"flux_left": flux + noise(NOISE, rng)},
+            boundary_noise_std=0.1,
+            flux_noise_std=NOISE,
+            flux_gain_std=0.02,
+        )
+        sensors = tuple(
+            wallid.Sensor(name, LENGTH * place, noise_std=0.05)
+            for name, place in zip(record.names, places, strict=True)
+        )
+        wall = wallid.Wall(length=LENGTH, diffusivity_prior=4e-7, outside="right")
+        case, window = wallid.Case("slab", Path("case.toml"), wall, sensors, record, Choices()), wallid.Window(0, rows)
+        model, data = full_order_model_with_plates(case), wallid.models.window_data(case, window)
+        fit = fit_generalised_least_squares(case, window, data, model, 4e-7, eta=1e-6)
+        assert fit.disturbance is None
+        return np.log(fit.diffusivity / DIFFUSIVITY) / fit.log_std
+
+    assert max(abs(standardised_error(seed)) for seed in (0, 2)) < 2.5
+
+
 @pytest.mark.slow
 def test_a_campaign_takes_fluxes_window_by_window(both):
     """What one estimate has compiled serves all windows; each is that of `estimate`, and all know the wall better."""

@@ -38,6 +38,7 @@ from ..models.flux_plates import (
     plate_outputs,
 )
 from ..models.state_space import require_x64
+from ..records.face_variation import NoiseMemory
 from ..records.uniform_record import Record
 from .effects.base import AbstractEffect
 from .effects.catalogue import library, unlogged
@@ -125,6 +126,11 @@ class DiagnosisProblem:
     def instrument_count(self) -> int:
         """Number of inner sensors and plates."""
         return self.readings.shape[1]
+
+    @property
+    def has_plates(self) -> bool:
+        """Whether there is a flux plate."""
+        return self.instrument_count > self.sensor_count
 
     @property
     def instruments(self) -> tuple[str, ...]:
@@ -221,6 +227,12 @@ class DiagnosisProblem:
         for k, (part, side) in enumerate(np.ndindex(2, 2)):
             changes[k, ..., side] = courses[part, side]
         return changes
+
+    def with_noise_memory(self, memory: NoiseMemory) -> DiagnosisProblem:
+        """The same problem with the faces filtered for noise with a memory."""
+        case = replace(self.case, record=self.case.record.with_noise_memory(memory))
+        model = eqx.tree_at(lambda model: model.forcing, self.model, forcing_of_window(case, diagnosis_window(case)))
+        return replace(self, case=case, record=self.record.with_noise_memory(memory), model=model)
 
     def with_pattern_at(self, diffusivity: float) -> DiagnosisProblem:
         """The same problem with the section's pattern computed at another diffusivity, m2/s."""

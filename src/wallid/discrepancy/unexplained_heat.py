@@ -80,7 +80,8 @@ class UnexplainedHeat:
             shape, problem.noise_shape(parameters).bins, residual, jacobian * self._unit, self._deviation
         )
         step = problem.record.step * problem.spacing
-        return find_disturbance(self._readings, shape, step, likelihood, self.fit.noise)
+        memory = problem.case.record.noise_memory
+        return find_disturbance(self._readings, shape, step, likelihood, self.fit.noise, memory)
 
     @property
     def is_clear(self) -> bool:
@@ -107,14 +108,16 @@ class UnexplainedHeat:
         prior_std = np.ones(len(self._unit))
         prior_std[0] = _WIDE
         face_noise, face_errors = face_noise_of_model(problem.case)
+        white, autocorrelated = self.disturbance.noise_variances
+        correlation = self.disturbance.noise_memory.correlation
         fitted = FittedReadings(
             sensor_std=problem.noise_stds,
-            face_noise=face_noise.limited(self.disturbance.noise_size, 0.0, 0.0),
+            face_noise=face_noise.limited(white, autocorrelated, correlation),
             face_errors=face_errors.autocovariance,
             spacing=problem.spacing,
-            white=self.disturbance.noise_size,
-            autocorrelated=0.0,
-            correlation=0.0,
+            white=white,
+            autocorrelated=autocorrelated,
+            correlation=correlation,
             disturbance=self.disturbance,
             residual=self.fit.residual_at_rows,
             present=np.isfinite(problem.readings),

@@ -5,8 +5,9 @@ With `r` the residual of a fit and `J` its Jacobian, the parameters integrated o
     R = v R_0 + s^2 D(profile, tau)
     -2 log L = r' R^-1 r - b' (J' R^-1 J + P)^-1 b + ln det R + ln det (J' R^-1 J + P),      b = J' R^-1 r - P z
 
-`R_0` is the stated white noise, the faces' part included, `v` its size, and `D` the covariance by a disturbance of unit
-size. The priors shrink it to nothing, and to a constant (the joint prior of Fuglstad and others):
+`R_0` is the stated noise, the faces' part included, `v` its size, and `D` the covariance by a disturbance of unit size.
+The noise is white, or has the memory that the sensors show beside plates (`noise_memory`). The priors shrink the
+disturbance to nothing, and to a constant (the joint prior of Fuglstad and others):
 
     p(s) ~ exp(-lambda_s s),      p(tau) ~ tau^-3/2 exp(-lambda_t tau^-1/2)
 
@@ -33,6 +34,7 @@ from jaxtyping import Float
 from .._internal.result_object import ResultObject, plain_value
 from ..models.disturbance import Smoothness
 from ..models.finite_volume_wall import HeatProfile
+from ..records.face_variation import WHITE, NoiseMemory
 from .disturbance_covariance import DEPTHS, HEAT_PROFILES, DisturbedReadings
 from .noise_covariance import BinnedReadings, NoiseCovariance, NoiseShape
 
@@ -74,7 +76,7 @@ class Disturbance(ResultObject):
         std: standard deviation of the heat, in `unit`: W/m2, or K/day where the record has no flux.
         time_constant: s. smoothness: of the process.
         evidence: -2 log L without it minus -2 log L with it, at the best size and time constant of each.
-        noise_size: v, the noise's variance over the stated one.
+        noise_size: v, the noise's variance over the stated one. noise_memory: its shape.
         inflation: of each estimated parameter's standard error, by the uncertainty of place, size and time constant.
         posterior: the most probable places and time constants, each with its probability and its mean-square size.
     """
@@ -88,6 +90,13 @@ class Disturbance(ResultObject):
     noise_size: float = field(repr=False)
     inflation: np.ndarray = field(repr=False)
     posterior: tuple[tuple[float, _Process], ...] = field(default=(), repr=False)
+    noise_memory: NoiseMemory = field(default=WHITE, repr=False)
+
+    @property
+    def noise_variances(self) -> tuple[float, float]:
+        """Variances of the white and of the autocorrelated noise beside it, over the stated one."""
+        share = self.noise_memory.share
+        return self.noise_size * (1.0 - share), self.noise_size * share
 
     @property
     def alternatives(self) -> tuple[tuple[float, Disturbance], ...]:
@@ -97,7 +106,7 @@ class Disturbance(ResultObject):
     def noise_beside(
         self, shape: NoiseShape, readings: DisturbedReadings, degrees_of_freedom: float
     ) -> NoiseCovariance:
-        """The covariance of the readings by white noise and the disturbance.
+        """The covariance of the readings by noise and the disturbance.
 
         Args:
             shape: of the noise's covariance.
@@ -107,7 +116,7 @@ class Disturbance(ResultObject):
         unit = readings.covariance(
             self.profile, self.time_constant, self.smoothness, shape.bin_count, shape.rows_per_bin
         )
-        noise = shape.covariance_of(self.noise_size, 0.0, 0.8, self.std**2 * unit)
+        noise = shape.covariance_of(*self.noise_variances, self.noise_memory.correlation, self.std**2 * unit)
         return replace(noise, degrees_of_freedom=degrees_of_freedom)
 
     @property
@@ -276,6 +285,7 @@ def find_disturbance(
     step: float,
     likelihood: RestrictedLikelihood,
     without: NoiseCovariance | None,
+    memory: NoiseMemory = WHITE,
 ) -> Disturbance:
     """The disturbance that explains a residual best.
 
@@ -283,9 +293,10 @@ def find_disturbance(
         readings: as a disturbance changes them.
         shape: of the noise's covariance. step: between its rows, s.
         likelihood: of the residual of the readings in the bins of `shape`.
-        without: the noise as estimated without a disturbance; None for white noise.
+        without: the noise as estimated without a disturbance; None for noise of the same shape as beside one.
+        memory: shape of the noise beside the disturbance.
     """
-    search = _Search(readings, shape, step, likelihood)
+    search = _Search(readings, shape, step, likelihood, memory)
     search.try_all(product(HEAT_PROFILES[:3], search.times))
     first = search.best.place
     if first.profile.place != "wall":
@@ -293,15 +304,18 @@ def find_disturbance(
         number = search.times.index(first.time_constant)
         search.try_all(product(deeper, search.times[max(number - 1, 0) : number + 2]))
     best, posterior = search.refined(), search.posterior()
-    none = likelihood.at(search.white).cost
+    none = likelihood.at(search.noise).cost
     if without is not None:
-        none = min(none, likelihood.at(search.noise_alone(without)).cost)
+        total = without.white + without.autocorrelated
+        alone = search.noise_of(NoiseMemory(without.autocorrelated / total, without.correlation))
+        none = min(none, likelihood.at(alone).cost)
     return Disturbance(
         **best.process._asdict(),
         unit=readings.unit,
         evidence=none - best.point.cost,
         inflation=_inflation(best.point, posterior),
         posterior=search.most_probable(posterior),
+        noise_memory=memory,
     )
 
 
@@ -331,31 +345,37 @@ class _Search:
     """The cost of disturbances of all profiles, time constants and sizes.
 
     Attributes:
-        white: the covariance of the stated noise.
+        noise: the covariance of noise of the stated size.
         times: time constants of the grid, s.
         tried: the disturbances of the grid.
     """
 
-    def __init__(self, readings: DisturbedReadings, shape: NoiseShape, step: float, likelihood: RestrictedLikelihood):
+    def __init__(
+        self,
+        readings: DisturbedReadings,
+        shape: NoiseShape,
+        step: float,
+        likelihood: RestrictedLikelihood,
+        memory: NoiseMemory,
+    ):
         self.readings, self.shape, self.likelihood = readings, shape, likelihood
-        self.white = shape.stated_covariance().covariance
+        self.noise = self.noise_of(memory)
         window = step * shape.rows_per_bin * shape.bin_count
         self.times: list[float] = np.geomspace(max(2.0 * step, 900.0), max(window, 8.0 * step), _TIMES).tolist()
         self.tried: list[_Tried] = []
         self._units: dict[_Place, tuple[float, Callable[[float], _Point]]] = {}
 
-    def noise_alone(self, noise: NoiseCovariance) -> np.ndarray:
-        """The covariance of noise of this shape with a total variance of 1."""
-        total = noise.white + noise.autocorrelated
-        return self.shape.covariance_of(noise.white / total, noise.autocorrelated / total, noise.correlation).covariance
+    def noise_of(self, memory: NoiseMemory) -> np.ndarray:
+        """The covariance of noise of the stated size with this memory."""
+        return self.shape.covariance_of(1.0 - memory.share, memory.share, memory.correlation).covariance
 
     def _unit(self, place: _Place) -> tuple[float, Callable[[float], _Point]]:
         """The heat of a size of 1 over the root of `v`, in W/m2 or K/day, and the likelihood by its value."""
         if place not in self._units:
             present = self.likelihood.present
             covariance = self.readings.covariance(*place, self.shape.bin_count, self.shape.rows_per_bin)
-            ratio = float(np.mean((np.diag(covariance) / np.diag(self.white))[present]))
-            self._units[place] = 1.0 / math.sqrt(ratio), self.likelihood.of_size(self.white, covariance)
+            ratio = float(np.mean((np.diag(covariance) / np.diag(self.noise))[present]))
+            self._units[place] = 1.0 / math.sqrt(ratio), self.likelihood.of_size(self.noise, covariance)
         return self._units[place]
 
     def at(self, place: _Place, size: float) -> _Tried:

@@ -117,6 +117,11 @@ class FittedReadings:
     prior_std: np.ndarray
     deviation: np.ndarray
 
+    def beside(self, disturbance: Disturbance) -> FittedReadings:
+        """The same readings with another disturbance, and the noise that was found beside it."""
+        white, autocorrelated = disturbance.noise_variances
+        return replace(self, disturbance=disturbance, white=white, autocorrelated=autocorrelated)
+
 
 def filter_model(case: Case, fit: GLSFit) -> FilterModel:
     """The filter's model of the window of a fit.
@@ -137,10 +142,7 @@ def alternative_filter_models(case: Case, fit: GLSFit) -> list[tuple[float, Filt
     if fit.disturbance is None:
         return [(1.0, filter_model(case, fit))]
     fitted, readings = fitted_readings(case, fit), readings_at(case, fit)
-    return [
-        (share, filter_model_of(replace(fitted, disturbance=one, white=one.noise_size), readings))
-        for share, one in fit.disturbance.alternatives
-    ]
+    return [(share, filter_model_of(fitted.beside(one), readings)) for share, one in fit.disturbance.alternatives]
 
 
 def fitted_readings(case: Case, fit: GLSFit) -> FittedReadings:

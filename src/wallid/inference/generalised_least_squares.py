@@ -35,6 +35,7 @@ from .gains_by_heat import gains_by_heat
 from .gls_fit import GLSFit
 from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, PLATE_GAIN, LikelihoodProblem, face_response, minimise
 from .noise_covariance import BinnedReadings, NoiseCovariance, NoiseShape, bin_readings
+from .noise_memory import memory_of_noise
 from .noise_of_record import noise_shape_of_record
 from .nuisance_kinds import (
     NUISANCE_KINDS,
@@ -160,6 +161,8 @@ class _IteratedGLS:
             fewest = 1 if fit.disturbance is None else _SEARCHES  # the first search is of a fit without one
             if not math.isfinite(change) or (fit.iterations > fewest and converged):
                 break
+            if fit.iterations == 1:
+                self.filter_faces_as_found(fit)
             parameters = fit.parameters
             if bent:  # the model is linear about the last values: a step is one prior standard deviation at most
                 indices, last = parameters.indices(bent), point.in_prior_std(bent)
@@ -174,6 +177,16 @@ class _IteratedGLS:
         if self.noise_option == "robust" and self.noise_can_be_estimated and math.isfinite(fit.diffusivity):
             return replace(fit, robust=_noise_of_residual(fit.noise_shape, fit))
         return fit
+
+    def filter_faces_as_found(self, fit: GLSFit) -> None:
+        """Filter the faces beside plates for noise with the memory that a fit shows."""
+        if LOG_CONDUCTIVITY not in self.parameters or self.noise_option == "stated":
+            return
+        residual = np.asarray(self.data.observed - fit.minimum.predicted)
+        memory = memory_of_noise(fit.noise_shape, residual, len(self.case.sensors), self.record.step)
+        if memory != self.case.record.noise_memory:
+            self.case = replace(self.case, record=self.case.record.with_noise_memory(memory))
+            self.data = with_filtered_faces(self.case, self.window, self.data)
 
     def diffusivity(self, parameters: Parameters) -> float:
         """The diffusivity, m2/s."""
@@ -274,9 +287,9 @@ class _IteratedGLS:
             likelihood = RestrictedLikelihood.of_coarser_bins(
                 shape, last.noise_shape.bins, np.asarray(last.minimum.residual), last.readings_jacobian, last.deviation
             )
-            # a plate's own noise has no memory of hours
-            without = None if readings.in_flux else noise
-            found = find_disturbance(readings, shape, self.record.step * self.spacing, likelihood, without)
+            # a plate's own noise has no memory of hours, unless the sensors show one
+            without, memory = None if readings.in_flux else noise, self.case.record.noise_memory
+            found = find_disturbance(readings, shape, self.record.step * self.spacing, likelihood, without, memory)
         needed = self.disturbance_option == "on" or (found is not None and found.evidence > EVIDENCE)
         return found if needed else None
 

@@ -23,7 +23,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from ..records.face_variation import autoregression_spectrum
+from ..records.face_variation import WHITE, NoiseMemory, autoregression_spectrum
 from .noise_covariance import NoiseCovariance, NoiseShape, quantile_over_shapes
 
 MIN_READINGS = 30
@@ -32,6 +32,7 @@ _MIN_SHARE = 0.3  # of a frequency that remains after the projection: with less 
 _RANK_TOLERANCE = 1e-4  # of the projected directions, relative to the largest singular value
 _PRIOR_STD = 1.0  # of ln(total variance / stated variance)
 _MAX_CORRELATION = 0.98  # from row to row
+_SIGNIFICANT_MEMORY = 10.0  # of -2 log L, over white noise; two parameters reach it by chance in 1 of 150
 _SCORING_STEPS = 20  # of the total variance
 _SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _CORRELATIONS = (0.3, 0.5, 0.6, 0.7, 0.76, 0.82, 0.86, 0.89, 0.92, 0.95, 0.97)
@@ -59,14 +60,7 @@ def estimate_noise(
     share, rho, sizes, costs, totals = 0.0, 0.8, (1.0, 0.0, 0.8), np.zeros(len(_GRID)), np.zeros(len(_GRID))
     for _ in range(2):
         likelihood.project_out(sizes)
-        costs, totals = np.array([likelihood.cost(*point) for point in _GRID]).T
-        minimum = scipy.optimize.minimize(
-            lambda y: likelihood.cost(*y)[0],
-            np.array(_GRID[int(np.argmin(costs))]),
-            method="Nelder-Mead",
-            options={"xatol": 1e-3, "fatol": 1e-2, "maxfev": 120},
-        )
-        share, rho = (float(y) for y in minimum.x)
+        share, rho, costs, totals = likelihood.best_shape()
         total = float(np.exp(likelihood.cost(share, rho)[1]))
         sizes = (total * (1 - share), total * share, rho)
     # the uncertainty of the noise's power at low frequencies, where effects are searched for
@@ -82,6 +76,25 @@ def estimate_noise(
     )
     reference = likelihood.log_variance(sensitivity, share, rho, float(np.log(sum(sizes[:2]))))
     return replace(noise, shape_probability=probability, std_ratio=np.exp(0.5 * (variance - reference)))
+
+
+def shape_of_fast_noise(shape: NoiseShape, residual: np.ndarray, slowest: float) -> NoiseMemory:
+    """The shape of the noise at high frequencies, where no parameter or effect changes the readings much.
+
+    Args:
+        shape: of the noise covariance.
+        residual: of the binned readings, K, 0 where missing.
+        slowest: lowest frequency that is used, rad a bin.
+
+    Returns:
+        white noise where the likelihood does not tell the best shape from it.
+    """
+    offsets = np.repeat(np.eye(shape.sensor_count), shape.bin_count, axis=1)
+    likelihood = _Whittle(shape, residual, offsets)
+    likelihood.project_out((1.0, 0.0, 0.8), slowest)
+    share, rho, _, _ = likelihood.best_shape()
+    gain = likelihood.cost(0.0, 0.0)[0] - likelihood.cost(share, rho)[0]
+    return NoiseMemory(share, rho) if gain > _SIGNIFICANT_MEMORY else WHITE
 
 
 def expected_widening(sensitivity: Sequence[np.ndarray], directions: Sequence[np.ndarray], readings: int) -> float:
@@ -213,16 +226,33 @@ class _Whittle:
         density = self.density(total * (1.0 - share), total * share, rho) + self.between_rows
         return -float(np.log(np.sum(power / density)))
 
-    def project_out(self, sizes: tuple[float, float, float]) -> None:
-        """Project the directions out, by least squares under noise of these sizes."""
+    def project_out(self, sizes: tuple[float, float, float], slowest: float = 0.0) -> None:
+        """Project the directions out, by least squares under noise of these sizes.
+
+        Frequencies below `slowest`, in rad a bin, are not used.
+        """
         density = self.density(*sizes) + self.between_rows
         basis = _orthonormal((self.directions / np.sqrt(density)).T)
         whitened = self.residual / np.sqrt(density)
         projected = whitened - basis @ (basis.T @ whitened)
         remaining = 1.0 - (basis**2).sum(axis=1)
-        self.used = (remaining > _MIN_SHARE) & self.has_readings
+        bins = self.shape.bin_count
+        fast = np.tile(np.pi * np.arange(bins) / bins >= slowest, self.shape.sensor_count)
+        self.used = (remaining > _MIN_SHARE) & self.has_readings & fast
         self.weight = remaining[self.used]
         self.power = projected[self.used] ** 2 * density[self.used] / self.weight
+
+    def best_shape(self) -> tuple[float, float, np.ndarray, np.ndarray]:
+        """The share and correlation with the least cost; the costs and logarithms of the totals of all in `_GRID`."""
+        costs, totals = np.array([self.cost(*point) for point in _GRID]).T
+        minimum = scipy.optimize.minimize(
+            lambda y: self.cost(*y)[0],
+            np.array(_GRID[int(np.argmin(costs))]),
+            method="Nelder-Mead",
+            options={"xatol": 1e-3, "fatol": 1e-2, "maxfev": 120},
+        )
+        share, rho = (float(y) for y in minimum.x)
+        return share, rho, costs, totals
 
     def cost(self, share: float, rho: float) -> tuple[float, float]:
         """`-2 log L` at the best total variance, and that variance's logarithm."""

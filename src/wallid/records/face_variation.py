@@ -24,8 +24,9 @@ The slow part is the daily cycle and the smooth process as its Wiener filter fin
 
 The readings without their noise are the daily cycle and what the Wiener filter finds in the rest, `H = 1 - n / f_d`.
 The noise `n` is the stated `s^2`, or the smallest value of `f_d` where that is lower. They are in error by a stationary
-process with the spectrum `H n`. Where the noise is found to be autocorrelated, its spectrum takes the place of `n`. Its
-size is then at most that at which it nowhere exceeds `f_d`.
+process with the spectrum `H n`. Where the noise is found to be autocorrelated, its spectrum takes the place of `n`, in
+`H` if the sensors inside the wall show it (`NoiseMemory`). Its size is then at most that at which it nowhere exceeds
+`f_d`.
 
 Source: P. Whittle, Ark. Mat. 2 (1953), 423; A. M. Yaglom, Correlation Theory of Stationary and Related Random Functions
 (1987), 1.
@@ -59,6 +60,27 @@ _REACH = 70.0  # of the logarithms from their first values: a part that is absen
 _SMALLEST_NOISE = 1e-4  # K, so that constant and rounded readings have a finite likelihood
 # the mean of a cubic over the row about its reading: weights of the reading, and of those one and two rows beside it
 _MEAN_OF_CUBIC = (161.0 / 192.0, 18.0 / 192.0, -2.5 / 192.0)
+
+
+@dataclass(frozen=True)
+class NoiseMemory:
+    """The shape of a reading's noise: white noise and a first-order autoregression.
+
+    Args:
+        share: of its variance that is autocorrelated.
+        correlation: of that part, from row to row.
+    """
+
+    share: float
+    correlation: float
+
+    def spectrum(self, omega: np.ndarray) -> np.ndarray:
+        """Power at each frequency over the variance; `omega` in rad a row."""
+        return 1.0 - self.share + self.share * autoregression_spectrum(self.correlation, omega)
+
+
+WHITE = NoiseMemory(0.0, 0.0)
+"""Noise without a memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,41 +190,47 @@ class FaceErrors:
         return changes
 
 
-def cubic_errors(faces: Float[np.ndarray, "time face"], step: float, noise_std: float) -> FaceErrors:
+def cubic_errors(
+    faces: Float[np.ndarray, "time face"], step: float, noise_std: float, memory: NoiseMemory = WHITE
+) -> FaceErrors:
     """The errors of the cubics through the readings of two faces.
 
     Args:
         faces: readings at uniform rows, degC.
         step: from row to row, s.
         noise_std: of a reading, K. The errors are those without this noise.
+        memory: of the noise.
 
     Returns:
         no error that varies from row to row, and no fast part, where the readings are too few or constant.
     """
     autocovariance, slow, weights, filtered, power = (
-        np.stack(part) for part in zip(*(_errors_of_one(face, step, noise_std) for face in faces.T), strict=True)
+        np.stack(part)
+        for part in zip(*(_errors_of_one(face, step, noise_std, memory) for face in faces.T), strict=True)
     )
     noise = FaceNoise(filtered, noise_std, power)
     return FaceErrors(autocovariance, slow, filter_weights=weights, filtered_noise=noise)
 
 
-def _errors_of_one(values: np.ndarray, step: float, noise_std: float) -> tuple[np.ndarray, ...]:
+def _errors_of_one(values: np.ndarray, step: float, noise_std: float, memory: NoiseMemory) -> tuple[np.ndarray, ...]:
     """Autocovariance, slow and filter weights, autocovariance of the noise left, and power of a face's readings."""
     if len(values) < _FEWEST_ROWS or np.ptp(values) == 0.0:
         own = np.eye(2 * _LAGS + 1)[_LAGS]
         return np.zeros(_LAGS), own, own, noise_std**2 * own[_LAGS:-1], np.full(len(_GRID), np.inf)
     theta, power, count = _periodogram(_without_daily_cycle(values, step))
-    smooth, smooth_rate, rough, rough_rate, noise = _fit(theta, power, count, noise_std)
+    smooth, smooth_rate, rough, rough_rate, noise = _fit(theta, power, count, noise_std, memory.spectrum(theta))
     theta = np.maximum(np.minimum(_GRID, 2.0 * np.pi - _GRID), 1e-6)
     spectrum = _error_spectrum(theta, smooth, smooth_rate, rough, rough_rate)
     slow = _parts(theta, smooth, smooth_rate, 0.0, rough_rate).sum(axis=1)
-    total = _parts(theta, smooth, smooth_rate, rough, rough_rate).sum(axis=1) + noise
-    white = min(max(noise_std, _SMALLEST_NOISE) ** 2, float(total.min()))
+    of_noise = memory.spectrum(theta)
+    total = _parts(theta, smooth, smooth_rate, rough, rough_rate).sum(axis=1) + noise * of_noise
+    size = min(max(noise_std, _SMALLEST_NOISE) ** 2, float((total / of_noise).min()))
+    response = 1.0 - size * of_noise / total
     return (
         np.fft.ifft(spectrum).real[:_LAGS],
         _around_row(slow / total),
-        _around_row(1.0 - white / total),
-        noise_std**2 * np.fft.ifft(1.0 - white / total).real[:_LAGS],
+        _around_row(response),
+        noise_std**2 * np.fft.ifft(response).real[:_LAGS],
         total,
     )
 
@@ -270,8 +298,11 @@ def _sampled_rough_power(theta: np.ndarray, variance: float, rate: float) -> tup
     return variance * numerator / denominator, -rate * memory * variance * by_memory
 
 
-def _fit(theta: np.ndarray, power: np.ndarray, count: np.ndarray, noise_std: float) -> np.ndarray:
-    """Variance and rate of the smooth part, then of the rough part, and the noise's variance (Whittle likelihood)."""
+def _fit(theta: np.ndarray, power: np.ndarray, count: np.ndarray, noise_std: float, of_noise: np.ndarray) -> np.ndarray:
+    """Variance and rate of the smooth part, then of the rough part, and the noise's variance (Whittle likelihood).
+
+    `of_noise` is the power of the noise at each frequency, over its variance.
+    """
     noise = max(noise_std, _SMALLEST_NOISE) ** 2
     variance = float(power.max()) * 0.1 + noise
     squares = (theta[:, None] + 2.0 * np.pi * _ALIASES) ** 2
@@ -284,8 +315,8 @@ def _fit(theta: np.ndarray, power: np.ndarray, count: np.ndarray, noise_std: flo
         of_smooth = of_alias.sum(axis=1)
         by_smooth_rate = 3.0 * of_smooth - 4.0 * (of_alias / (1.0 + squares / smooth_rate**2)).sum(axis=1)
         of_rough, by_rough_rate = _sampled_rough_power(theta, rough, rough_rate)
-        density = of_smooth + of_rough + noise * share
-        by_share = np.full_like(theta, noise * share * (1.0 - share))
+        density = of_smooth + of_rough + noise * share * of_noise
+        by_share = noise * share * (1.0 - share) * of_noise
         slopes = np.stack([of_smooth, by_smooth_rate, of_rough, by_rough_rate, by_share])
         priors = (y[[1, 3, 4]] - _PRIOR_MEAN) / _PRIOR_STD
         gradient = slopes @ (count * (1.0 - power / density) / density)

@@ -21,7 +21,7 @@ from .._internal.validation import number, set_fields
 from .array_checks import checked_columns, checked_names, checked_regressors, checked_stamps, checked_times
 from .cleaning_log import CleaningLog
 from .dataframe_table import source_name
-from .face_variation import FaceErrors, cubic_errors
+from .face_variation import WHITE, FaceErrors, NoiseMemory, cubic_errors
 from .file_format import FileFormat, check_unit
 from .reading_pipeline import read_record_arrays
 from .row_times import RecordStart, time_index
@@ -68,6 +68,7 @@ class Record(ResultObject):
         fill_std: standard error of interpolated faces, K: 0 where a face was read, infinite in broken rows,
             (time, 2); None where every row was read. Within one gap the errors are fully correlated.
         cleaning: what was changed while the file was read.
+        noise_memory: shape of the noise of the faces, as a fit has found it; white in a record that is read.
 
     Raises:
         InputError: an array whose shape does not fit the others, times that do not increase or have no uniform step,
@@ -88,6 +89,7 @@ class Record(ResultObject):
     file: str = "record"
     fill_std: np.ndarray | None = field(default=None, repr=False)
     cleaning: CleaningLog = field(default_factory=CleaningLog)
+    noise_memory: NoiseMemory = field(default=WHITE, repr=False)
 
     def __post_init__(self) -> None:
         self._check_arrays()
@@ -161,7 +163,9 @@ class Record(ResultObject):
         if stride not in self._face_errors:
             first, rows = self.longest_part
             part = self.faces[first : first + rows : stride]
-            self._face_errors[stride] = cubic_errors(part, stride * self.step, self.boundary_noise_std)
+            self._face_errors[stride] = cubic_errors(
+                part, stride * self.step, self.boundary_noise_std, self.noise_memory
+            )
         return self._face_errors[stride]
 
     @cached_property
@@ -225,8 +229,12 @@ class Record(ResultObject):
             cleaning=self.cleaning if rows == self.rows else CleaningLog(),
         )
 
+    def with_noise_memory(self, memory: NoiseMemory) -> Record:
+        """The same record, with the noise of its faces of this shape."""
+        return self._with_rows(noise_memory=memory)
+
     def _with_rows(self, **arrays: object) -> Record:
-        """The same record with other rows, without a check: rows of a checked record fit each other."""
+        """The same record with other values, without a check: rows of a checked record fit each other."""
         part = object.__new__(Record)
         set_fields(part, **{field.name: getattr(self, field.name) for field in fields(self)})
         set_fields(part, **arrays)

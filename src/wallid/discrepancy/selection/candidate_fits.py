@@ -6,6 +6,7 @@ import numpy as np
 
 from ...inference.likelihood import LOG_DIFFUSIVITY
 from ...inference.noise_covariance import NoiseCovariance
+from ...inference.noise_memory import memory_of_noise
 from ...inference.whittle_likelihood import MIN_READINGS, estimate_noise
 from ..effect_fit import EffectFit, refit
 from ..problem import DiagnosisProblem, EffectParameters
@@ -21,9 +22,20 @@ _CONVERGED = 0.05  # standard errors of ln(alpha) by which the last iteration of
 
 
 def plain_model_of(problem: DiagnosisProblem) -> tuple[CandidateFits, EffectFit]:
-    """The fits of a problem, and its plain model fitted; the pattern of a section is computed at its diffusivity."""
+    """The fits of a problem, and its plain model fitted.
+
+    Beside plates the faces are filtered for the noise that a first fit shows (`memory_of_noise`). The pattern of a
+    section is computed at the diffusivity that is found.
+    """
     fits = CandidateFits(problem)
     plain = fits.fit_plain_model()
+    if problem.has_plates:
+        shape = problem.noise_shape(plain.parameters)
+        memory = memory_of_noise(shape, plain.residual_at_rows, problem.sensor_count, problem.record.step)
+        if memory != problem.case.record.noise_memory:
+            problem = problem.with_noise_memory(memory)
+            fits = CandidateFits(problem)
+            plain = fits.fit_plain_model()
     for _ in range(_MOST_ITERATIONS if problem.has_pattern else 0):
         fits = CandidateFits(problem.with_pattern_at(plain.diffusivity))
         last, plain = plain, fits.fit_plain_model()
