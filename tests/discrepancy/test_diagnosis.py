@@ -12,6 +12,7 @@ import wallid
 from wallid.discrepancy.cross_validation import held_out, held_out_cost
 from wallid.discrepancy.effect_fit import refit
 from wallid.discrepancy.effects.catalogue import untestable
+from wallid.discrepancy.next_measurement.confusable_sets import confusable_sets
 from wallid.discrepancy.selection.acceptance import FURTHER_EFFECT_LEVEL
 from wallid.discrepancy.selection.candidate_fits import CandidateFits, plain_model_of
 from wallid.discrepancy.selection.effect_results import Trial
@@ -258,6 +259,8 @@ def test_heat_behind_the_last_sensor_is_not_distinguished_from_an_offset_of_the_
     (named,) = found.effects
     one_of = {named.effect_parameters.effect.name, *(one.effect.name for one in named.alternatives)}
     assert found.verdict == "confusable" and one_of == {"face_offset", "heat_source"}
+    (confusable,) = confusable_sets(found)
+    assert confusable.relative_stds.max() < 0.2, "that there is heat is certain, although its rate is not"
 
 
 def test_what_is_small_is_named_rather_than_what_explains_less(explained):

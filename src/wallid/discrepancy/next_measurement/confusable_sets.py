@@ -44,10 +44,9 @@ class ConfusableSet:
 
     @cached_property
     def relative_stds(self) -> np.ndarray:
-        """Standard deviation of each effect's size over the size, at most 1, `(effect,)`."""
-        sizes = [effect.names[0] for effect in self.effects]
-        pairs = zip(self.present.fits, sizes, strict=False)
-        values = [(fit.std(size), abs(float(fit.parameters[size]))) for fit, size in pairs]
+        """Standard deviation of each effect's size at its fitted position over the size, at most 1, `(effect,)`."""
+        pairs = zip(self.present.fits, self.effects, strict=False)
+        values = [(fit.std_of_size(effect), abs(float(fit.parameters[effect.names[0]]))) for fit, effect in pairs]
         return np.array([min(std / size, 1.0) if size > 0 else 1.0 for std, size in values])
 
     def separations(self, candidate: CandidateRecord) -> tuple[Separation, ...]:
