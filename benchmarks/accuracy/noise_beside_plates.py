@@ -3,8 +3,8 @@
 `python -m benchmarks.accuracy.noise_beside_plates`
 
 Records are those of the discrepancy benchmark with nothing hidden: sensors inside, one plate or two, and noise of
-sensors, faces and plates that is white, autocorrelated (0.6 or 0.9 from row to row) or half of each. The simulator knows
-the faces every two minutes. Each outcome goes to a log of JSON lines, so that a long run goes on where it ended.
+sensors, faces and plates that is white, autocorrelated (0.6 or 0.9 from row to row) or half of each. The simulator
+knows the faces every two minutes. Each outcome goes to a log of JSON lines, so that a long run goes on where it ended.
 """
 
 import tempfile
