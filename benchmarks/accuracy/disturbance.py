@@ -127,6 +127,22 @@ def slab_case(
     return wallid.Case("slab", Path("case.toml"), wall, sensors, record, Choices(**choices))
 
 
+def against_truth(found: dict[str, tuple]) -> dict[str, dict]:
+    """Standardised error, half width of the interval, and whether it holds the truth.
+
+    Args:
+        found: for each quantity its value, standard error, 95 % interval and truth.
+    """
+    return {
+        name: {
+            "z": float(np.log(value / truth) / (std / value)),
+            "width": float(np.log(high / low) / 2),
+            "held": bool(low <= truth <= high),
+        }
+        for name, (value, std, (low, high), truth) in found.items()
+    }
+
+
 def estimated(kind: Kind, number: int, option: str) -> dict:
     """What `estimate` says of one record."""
     import jax
@@ -140,14 +156,6 @@ def estimated(kind: Kind, number: int, option: str) -> dict:
         R, C = fit.thermal.resistance, fit.thermal.areal_heat_capacity
         found["resistance"] = (R.value, R.std, R.interval_95, LENGTH / CONDUCTIVITY)
         found["capacity"] = (C.value, C.std, C.interval_95, LENGTH * CAPACITY)
-    quantities = {
-        name: {
-            "z": float(np.log(value / truth) / (std / value)),
-            "width": float(np.log(high / low) / 2),
-            "held": bool(low <= truth <= high),
-        }
-        for name, (value, std, (low, high), truth) in found.items()
-    }
     disturbance = (
         None
         if fit.disturbance is None
@@ -163,7 +171,7 @@ def estimated(kind: Kind, number: int, option: str) -> dict:
         "option": option,
         "reliable": fit.reliable,
         "reason": fit.reason[:60],
-        "quantities": quantities,
+        "quantities": against_truth(found),
         "disturbance": disturbance,
     }
 

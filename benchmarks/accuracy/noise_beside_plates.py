@@ -11,9 +11,10 @@ import tempfile
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import binomtest
 
 from benchmarks.accuracy.discrepancy.scenarios import NOISES, nulls
+from benchmarks.accuracy.discrepancy.score import interval
+from benchmarks.accuracy.disturbance import against_truth
 from benchmarks.accuracy.resumed_log import count_options, resumed
 from benchmarks.reference.simulator_with_effects import write_case
 
@@ -44,8 +45,7 @@ def estimated(noise: str, number: int) -> dict:
         "step": spec.step,
         "reliable": fit.reliable,
         "disturbance": None if fit.disturbance is None else str(fit.disturbance),
-        "z": {name: float(np.log(value / truth) / (std / value)) for name, (value, std, _, truth) in found.items()},
-        "held": {name: bool(low <= truth <= high) for name, (_, _, (low, high), truth) in found.items()},
+        "quantities": against_truth(found),
     }
 
 
@@ -56,10 +56,11 @@ def summary(outcomes: list[dict]) -> str:
         own = [o for o in outcomes if (o["noise"], o["step"]) == (noise, step)]
         texts = []
         for name in ("diffusivity", "resistance"):
-            held, z = sum(o["held"][name] for o in own), np.array([o["z"][name] for o in own])
-            band = binomtest(held, len(own)).proportion_ci()
+            each = [o["quantities"][name] for o in own]
+            held, z = sum(one["held"] for one in each), np.array([one["z"] for one in each])
+            low, high = interval(held, len(own))
             texts.append(
-                f"{name} held in {held} ({band.low:.0%} to {band.high:.0%}), z {np.sqrt(np.mean(z**2)):.2f} "
+                f"{name} held in {held} ({low:.0%} to {high:.0%}), z {np.sqrt(np.mean(z**2)):.2f} "
                 f"(mean {z.mean():+.2f})"
             )
         unsure, heat = sum(not o["reliable"] for o in own), sum(o["disturbance"] is not None for o in own)

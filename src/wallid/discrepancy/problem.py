@@ -128,11 +128,6 @@ class DiagnosisProblem:
         return self.readings.shape[1]
 
     @property
-    def has_plates(self) -> bool:
-        """Whether there is a flux plate."""
-        return self.instrument_count > self.sensor_count
-
-    @property
     def instruments(self) -> tuple[str, ...]:
         """The names of the inner sensors and the plates, "flux_left" or "flux_right"."""
         return (*self.model.sensors, *(output.name for output in plate_outputs(self.case)))

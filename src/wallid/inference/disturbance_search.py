@@ -285,7 +285,7 @@ def find_disturbance(
     step: float,
     likelihood: RestrictedLikelihood,
     without: NoiseCovariance | None,
-    memory: NoiseMemory = WHITE,
+    memory: NoiseMemory,
 ) -> Disturbance:
     """The disturbance that explains a residual best.
 

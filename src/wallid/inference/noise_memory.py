@@ -18,7 +18,7 @@ from .noise_covariance import BinnedReadings, NoiseShape
 from .whittle_likelihood import MIN_READINGS, shape_of_fast_noise
 
 _LONGEST_PERIOD = 7200.0  # s
-_HIGHEST = 0.8  # of the highest frequency, above which a shape is not seen
+_HIGHEST = 0.8  # of the highest frequency: a band that begins above it is too narrow to show a shape
 _FEWEST_READINGS = 0.5  # of the rows of a sensor: fewer do not show fast noise
 
 

@@ -8,6 +8,7 @@ from ...inference.likelihood import LOG_DIFFUSIVITY
 from ...inference.noise_covariance import NoiseCovariance
 from ...inference.noise_memory import memory_of_noise
 from ...inference.whittle_likelihood import MIN_READINGS, estimate_noise
+from ...models.flux_plates import fluxes_of
 from ..effect_fit import EffectFit, refit
 from ..problem import DiagnosisProblem, EffectParameters
 from ..residual_tests import ResidualTests, omnibus_directions, run_residual_tests
@@ -29,7 +30,7 @@ def plain_model_of(problem: DiagnosisProblem) -> tuple[CandidateFits, EffectFit]
     """
     fits = CandidateFits(problem)
     plain = fits.fit_plain_model()
-    if problem.has_plates:
+    if fluxes_of(problem.case):
         shape = problem.noise_shape(plain.parameters)
         memory = memory_of_noise(shape, plain.residual_at_rows, problem.sensor_count, problem.record.step)
         if memory != problem.case.record.noise_memory:
