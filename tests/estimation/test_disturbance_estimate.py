@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.accuracy import disturbance
 from benchmarks.accuracy.disturbance import CAPACITY, DIFFUSIVITY, FINE, LENGTH, Kind
 from benchmarks.reference.analytic_slab import heated, weather
 from heated_walls import case_of, hidden_heat
@@ -65,6 +66,19 @@ def test_the_interval_holds_the_truth_with_a_disturbance(kind, places):
     assert set(entry) >= {"place", "std", "unit", "time_constant", "evidence"}
     json.dumps(entry, allow_nan=False)
     assert "no column explains" in str(fit) and "disturbance" in fit.variance_shares
+
+
+def test_a_large_disturbance_is_found_where_it_is():
+    """Under the noise alone this record gives a third of the diffusivity, and there heat behind a face explains it."""
+    case = disturbance.case_of(Kind("plates", "wall", 48.0), 32, disturbance="auto")
+    window, model = wallid.Window(0, case.record.rows), full_order_model_with_plates(case)
+    data = window_data(case, window)
+    fit = fit_generalised_least_squares(case, window, data, model, case.wall.diffusivity_prior, eta=1e-6)
+    assert fit.disturbance.place == "wall" and fit.disturbance.noise_size < 2
+    assert abs(np.log(fit.diffusivity / DIFFUSIVITY)) < 3 * fit.log_std
+    alone = replace(case, choices=replace(case.choices, disturbance="none", noise="stated"))
+    without = fit_generalised_least_squares(alone, window, data, model, case.wall.diffusivity_prior, eta=1e-6)
+    assert without.diffusivity < DIFFUSIVITY / 2
 
 
 def test_without_hidden_heat_nothing_is_found():

@@ -55,6 +55,8 @@ _MAX_WALL_ITERATIONS = 15  # with estimated wall parameters: each iteration buil
 _SEARCHES = 2  # for a disturbance, in the iterations after the first; later ones keep its size and time constant
 _CONVERGED = 0.1  # standard errors: the iteration ends when the estimate changes by less
 _MOVED = 1.0  # standard errors: after a larger change a disturbance is searched for again
+_LARGER_NOISE = 4.0  # of the variance: beside a disturbance, the search starts again from other diffusivities
+_OTHER_STARTS = (1.0, 1.0 / 3.0, 3.0)  # over the first diffusivity
 
 
 def fit_generalised_least_squares(
@@ -145,7 +147,27 @@ class _IteratedGLS:
         self.record = case.record.window(window.row, window.rows)
 
     def fit(self, system: StateSpace, first: float) -> GLSFit:
-        """The fit of the last iteration, from a first diffusivity in m2/s."""
+        """The best fit from a first diffusivity in m2/s.
+
+        A large disturbance can draw the minimum under the noise alone so far away that a search in its residual finds
+        another disturbance. Where the noise is found to be much larger than stated, the first search is made in the
+        residual at each of some first diffusivities too.
+        """
+        fit = self.iterated(system, first)
+        if fit.disturbance is None or fit.disturbance.noise_size < _LARGER_NOISE:
+            return fit
+        others = [self.iterated(system, factor * first, minimised=False) for factor in _OTHER_STARTS]
+        finite = [one for one in (fit, *others) if math.isfinite(one.marginal_deviance)]
+        best = min(finite, key=lambda one: one.marginal_deviance, default=fit)
+        return replace(best, reduced_chi_square=fit.reduced_chi_square)
+
+    def iterated(self, system: StateSpace, first: float, minimised: bool = True) -> GLSFit:
+        """The fit of the last iteration, from a first diffusivity in m2/s.
+
+        Args:
+            minimised: whether the first iteration goes to the minimum under the stated noise; else it only evaluates
+                the residual at the first diffusivity.
+        """
         wall_names = self.parameters.of_kind(WallParameters.kind)
         bent = self.parameters.of_kind(WallParameters.kind, ContactResistances.kind)  # far from linear
         full_order = full_order_model_with_plates(self.case)
@@ -155,7 +177,8 @@ class _IteratedGLS:
             point = Linearisation(self.case, self.window, self.data, self.diffusivity(parameters), parameters)
             if wall_names:
                 system = full_order = full_order_model_with_plates(self.case, point.wall)
-            fit = self.iterate(system, full_order, point, fit)
+            steps = 0 if fit is None and not minimised else self.case.choices.max_iterations
+            fit = self.iterate(system, full_order, point, fit, steps)
             change = fit.change
             converged = change < _CONVERGED * fit.log_std and _converged(fit, parameters, bent)
             fewest = 1 if fit.disturbance is None else _SEARCHES  # the first search is of a fit without one
@@ -219,8 +242,10 @@ class _IteratedGLS:
         """Degrees of freedom of the cost."""
         return max(self.readings - 1, 1)
 
-    def iterate(self, system: StateSpace, full_order: StateSpace, point: Linearisation, last: GLSFit | None) -> GLSFit:
-        """One iteration: the covariance and the linear effects at a point, then the minimum of the cost."""
+    def iterate(
+        self, system: StateSpace, full_order: StateSpace, point: Linearisation, last: GLSFit | None, steps: int
+    ) -> GLSFit:
+        """One iteration: the covariance and the linear effects at a point, then steps to the minimum of the cost."""
         case, parameters, start = self.case, point.parameters, self.case.wall.diffusivity_prior
         nuisance = linearise_nuisance(point, self.kinds, full_order, self.conductivity)
         conductivity = 0.0
@@ -255,7 +280,7 @@ class _IteratedGLS:
         if disturbance is not None and last is not None:
             problem = _with_heat_in_gains(problem, noise, shape, np.asarray(last.minimum.residual))
         first = on_device(problem.to_vector(parameters))
-        minimum = minimise(problem, first, on_device(self.eta), case.choices.max_iterations)
+        minimum = minimise(problem, first, on_device(self.eta), steps)
         chi_square = float(minimum.cost) / self.degrees_of_freedom if last is None else last.reduced_chi_square
         iterations = 1 if last is None else last.iterations + 1
         return GLSFit(
