@@ -12,8 +12,11 @@ from scipy.interpolate import PchipInterpolator
 from studies import SPEC, parameters_at, prepare, slot_of
 
 import wallid
+from wallid.discrepancy.effect_fit import linearised_at
 from wallid.discrepancy.effects.catalogue import library, untestable
 from wallid.discrepancy.model_with_effects import face_change_response, first_order_columns, linearise, predict
+from wallid.discrepancy.next_measurement.added_sensor import added_sensors
+from wallid.discrepancy.next_measurement.present_record import PresentRecord
 from wallid.discrepancy.problem import diagnosis_problem
 from wallid.discrepancy.selection.candidate_fits import plain_model_of
 from wallid.discrepancy.selection.chance_gains import ChanceGains
@@ -96,6 +99,18 @@ def test_an_effect_changes_the_fluxes_as_the_equation_says(tmp_path, plain, name
     change = rms(fluxes - fluxes_of(study, true, (), spec))
     assert change > 0.1, "W/m2: the case shows the effect"
     assert rms(within - own) < share * change + 0.0002 * rms(fluxes)
+
+
+def test_another_sensor_beside_plates_leaves_the_noise_of_the_others(plain):
+    """What faces do between their rows is in it."""
+    study, _ = plain
+    noise = study.noise_shape(study.parameters).stated_covariance()
+    present = PresentRecord((linearised_at(study, (), study.parameters, noise),))
+    (added,) = added_sensors(present, [0.4 * SPEC.length])
+    of_all = np.linalg.inv(added.whitening.T @ added.whitening)
+    own = np.linalg.inv(noise.whitening.T @ noise.whitening)
+    std = np.sqrt(np.diag(own))
+    assert_allclose(of_all[: len(own), : len(own)] / np.outer(std, std), own / np.outer(std, std), atol=1e-4)
 
 
 def test_every_parameter_changes_the_fluxes_by_its_derivative(plain):

@@ -26,7 +26,7 @@ from wallid.experiment_design.campaign_plan.expected_intervals import (
     half_width,
 )
 from wallid.experiment_design.campaign_plan.plan_result import Curve
-from wallid.experiment_design.campaign_plan.plan_search import plan_campaign
+from wallid.experiment_design.campaign_plan.plan_search import PlanSearch, plan_campaign
 from wallid.records.weather_year import HOURS, WeatherYear, read_weather_year
 
 TMY3 = Path(pvlib.__file__).parent / "data" / "723170TYA.CSV"
@@ -86,6 +86,33 @@ def test_files_that_are_no_weather(tmp_path):
             read_weather_year(tmp_path / name)
 
 
+def an_epw(path, leap=False, missing=False):
+    """A file of a typical year: ten times the air's temperature is the day of the year, the sun is that of noon."""
+    year = 2024 if leap else 2023
+    first = np.datetime64(f"{year}-01-01T00")
+    hours = first + np.arange(8784 if leap else HOURS) * np.timedelta64(1, "h")
+    lines = ["LOCATION,Town,-,AUT,-,110350,48.2,16.4,1.0,200.0"] + [f"HEADER {k}" for k in range(7)]
+    for k, one in enumerate(hours):
+        month, day, hour = (int(part) for part in (str(one)[5:7], str(one)[8:10], str(one)[11:13]))
+        air = 99.9 if missing and k == 30 else (k // 24) / 10.0
+        noon = 400 if hour == 11 else 0
+        lines.append(f"{year},{month},{day},{hour + 1},60,x,{air},5,60,100000,0,0,300,{noon},{noon},0" + ",0" * 19)
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_weather_of_an_epw_file(tmp_path):
+    """A leap day is left out; the codes of missing values are no weather."""
+    weather, leap = (read_weather_year(an_epw(tmp_path / f"{one}.epw", leap=one)) for one in (False, True))
+    assert len(weather.air) == len(leap.air) == HOURS and weather.utc_offset == 1.0
+    assert np.array_equal(leap.air[: 59 * 24], weather.air[: 59 * 24])
+    assert leap.air[59 * 24] == pytest.approx(6.0) and weather.air[59 * 24] == pytest.approx(5.9)  # 1 March
+    sun = weather.irradiance_on(180.0, 90.0).reshape(365, 24)
+    assert (np.argmax(sun, axis=1) == 11).all() and 100 < sun.max() < 800
+    with pytest.raises(wallid.InputError, match=r"temp_air is missing or impossible in 1 of 8760 hours, first 99.9"):
+        read_weather_year(an_epw(tmp_path / "missing.epw", missing=True))
+
+
 def test_steady_faces_are_those_of_resistances_in_series(folder):
     campaign = wallid.load_campaign(folder)
     wall = replace(campaign.wall, conductivity=0.8)
@@ -93,12 +120,13 @@ def test_steady_faces_are_those_of_resistances_in_series(folder):
     case = typical.typical_case(campaign, constant_weather(0.0), 5e-7, [0.1], ["left", "right"])
     resistance = 0.3 / 0.8 + typical.R_INSIDE + typical.R_OUTSIDE
     flux = 20.0 / resistance
-    days = case.record.faces.reshape(365, 24, 2).mean(axis=1)
+    days = case.record.faces[:HOURS].reshape(365, 24, 2).mean(axis=1)
     assert days == pytest.approx(
         np.tile([flux * typical.R_OUTSIDE, 20.0 - flux * typical.R_INSIDE], (365, 1)), abs=1e-3
     )
     for face in ("left", "right"):
-        assert case.record.regressors[f"flux_{face}"].reshape(365, 24).mean(axis=1) == pytest.approx(-flux, abs=1e-2)
+        flux_of_hours = case.record.regressors[f"flux_{face}"][:HOURS]
+        assert flux_of_hours.reshape(365, 24).mean(axis=1) == pytest.approx(-flux, abs=1e-2)
     assert case.record.sensors[:, 0].mean() == pytest.approx(flux * (typical.R_OUTSIDE + 0.1 / 0.8), abs=1e-3)
 
 
@@ -169,7 +197,8 @@ def test_a_plan_says_how_to_instrument_the_wall(found):
     assert 1 <= found.start <= 365 and 3 <= found.days <= 14 and found.uninformative < 0.05
     assert set(found.expected) == {"diffusivity", "resistance", "transmittance", "capacity"}
     assert 0 < found.expected["transmittance"] < found.expected["resistance"]
-    assert found.season.median.min() <= found.season.median[found.season.days.index(found.start)] * (1 + 1e-12)
+    middle = found.season.errors[:, 2]
+    assert middle[found.season.days.index(found.start)] == middle.min()
     assert found.season_ratio >= 1.0 and "interval" in found.season_sentence
     weathers, diffusivities = found.errors.diffusivity.shape  # from the first days within two weeks
     assert 3 <= weathers <= 5 and diffusivities == len(found.diffusivities)
@@ -187,6 +216,39 @@ def test_a_plan_says_how_to_instrument_the_wall(found):
     assert date_of(found.start) in text and "ISO 9869-1" in text and "+-" in text
     assert len(found.to_frame()) == sum(len(curve.days) for curve in found.curves)
     assert "<table>" in found._repr_html_()
+
+
+def test_the_interval_of_a_plan_is_a_point_of_its_curves(found):
+    """Each length is from its best first day on, beside the plates that are planned."""
+    (curve,) = [one for one in found.curves if one.sensors == len(found.positions)]
+    planned = curve.errors[curve.days.index(found.days)]
+    assert planned == pytest.approx(np.median(found.errors.diffusivity, axis=0))
+    best, worst = (
+        half_width(found.season.median[found.season.days.index(found.start)]),
+        half_width(found.season.median.max()),
+    )
+    assert found.season_ratio == pytest.approx(worst / best)
+
+
+def test_a_campaign_may_go_past_the_end_of_the_year(folder):
+    """A day of December is a neighbour of January, and a long campaign hides no season."""
+    text = CASE.replace('plates = ["right"]\n', "").replace("sensors = 2", "sensors = 1")
+    (folder / "long.toml").write_text(text.replace("days = 14", "days = 300"))
+    search = PlanSearch(wallid.load_campaign(folder / "long.toml"), read_weather_year(TMY3), no_progress)
+    assert search.starts[0] == 0 and search.starts[-1] > 24 * 355 and len(search.starts) == 53
+    assert set(search.nearby(0)) == {0, 1, 2, 51, 52}
+    record = search.years[0].case.record
+    assert record.rows == HOURS + 300 * 24
+    assert record.faces[HOURS : HOURS + 2000] == pytest.approx(record.faces[:2000], abs=1e-2)
+    assert np.isfinite(search.years[2].errors(52, 300.0, Instruments((4,))).diffusivity)
+
+
+def test_a_day_is_planned_whatever_the_windows_of_a_design_are(folder):
+    """`window_days` is three by default."""
+    text = CASE.replace('plates = ["right"]\n', "").replace("sensors = 2", "sensors = 1")
+    (folder / "short.toml").write_text(text.replace("days = 14", "days = 1"))
+    found = wallid.plan(wallid.load_campaign(folder / "short.toml"))
+    assert found.days == 1.0 and len(found.curves[0].days) == 1
 
 
 def test_words_of_a_plan():
@@ -221,7 +283,7 @@ def test_the_chance_of_an_uninformative_record():
 def test_settings_that_cannot_be(folder):
     good = {"weather": "a.epw", "azimuth": 180.0}
     wrongs = {"azimuth": 400.0, "tilt": -1.0, "sensors": 0, "plates": "top", "days": 0.1, "uncertainty": 1.0}
-    wrongs |= {"latitude": 100.0, "indoor": "warm"}
+    wrongs |= {"days": 366.0, "latitude": 100.0, "indoor": "warm"}
     for key, value in wrongs.items():
         wrong = {key: value}
         with pytest.raises(wallid.InputError, match=next(iter(wrong))):
@@ -256,6 +318,9 @@ def test_a_new_plan_by_questions(tmp_path):
     )  # fmt: skip
     with pytest.raises(wallid.InputError, match="exists"):
         new_plan(tmp_path / "weather.csv", ask=ask)
+    with pytest.raises(wallid.InputError, match="5 heat flux plates"):
+        answers = PlanAnswers(length=0.4, azimuth=180.0, plates=5)
+        new_plan(tmp_path / "weather.csv", answers, to=tmp_path / "other.toml")
     with pytest.raises(wallid.InputError, match="--length and --azimuth"):
         new_plan(tmp_path / "weather.csv", to=tmp_path / "other.toml")
     assert (parse_azimuth("n"), parse_azimuth("12,5"), parse_indoor("-3")) == (0.0, 12.5, -3.0)

@@ -16,7 +16,7 @@ from .wall_and_sensors import SIDES, Sensor, Side, Wall
 UNHEATED = "unheated"
 TYPICAL_SENSOR = Sensor("sensor", 0.0, noise_std=0.05, position_std=0.002, offset_std=0.05)
 """The standard deviations of a sensor where the case states none: a Pt1000 in a drilled hole."""
-_LONGEST = 366.0  # days
+_LONGEST = 365.0  # days, of the typical year
 _MOST_SENSORS = 6
 
 

@@ -13,6 +13,7 @@ from ..records.weather_year import read_weather_year
 from .case_file import campaign_of
 from .planned_campaign import UNHEATED, PlannedCampaign
 from .toml_writer import WallAnswers, key_line, wall_lines
+from .wall_and_sensors import SIDES
 from .wizard import check_target, write_case_file
 from .wizard_dialogue import Ask, ask_length, decimal
 
@@ -89,6 +90,7 @@ def new_plan(
     check_target(target, force)
     read_weather_year(weather)
     answers = _complete(answers or PlanAnswers(), ask)
+    _checked_plates(answers.plates or 0)
     path = Path(os.path.relpath(weather.resolve(), target.resolve().parent)).as_posix()
     text = _text(path, answers)
     campaign = campaign_of(text.encode(), target)
@@ -113,13 +115,23 @@ def _complete(answers: PlanAnswers, ask: Ask | None) -> PlanAnswers:
         ),
         "indoor": ('Temperature of the room, degC, or "unheated"', "20", parse_indoor),
         "sensors": ("At most how many temperature sensors inside the wall", "2", _count),
-        "plates": ("How many heat flux plates, 0, 1 or 2", "0", _count),
+        "plates": ("How many heat flux plates, 0, 1 or 2", "0", _plates),
         "days": ("At most how many days", "21", lambda text: decimal("days", text, "days")),
     }
     for name, question in questions.items():
         if getattr(answers, name) is None:
             answers = replace(answers, **{name: ask(*question)})
     return answers
+
+
+def _plates(text: str) -> int:
+    return _checked_plates(_count(text))
+
+
+def _checked_plates(plates: int) -> int:
+    if not 0 <= plates <= len(SIDES):
+        raise InputError(f"{plates} heat flux plates; it must be 0, 1 or 2, one for each face")
+    return plates
 
 
 def _count(text: str) -> int:

@@ -202,15 +202,14 @@ class DiagnosisProblem:
         stated = parameters.with_values(dict.fromkeys(positions, 0.0))
         response = face_impulse_response(self.model, stated)
         face_noise, errors = face_noise_of_model(self.case)
-        bending = self._bending_of_faces(stated, bins) if fluxes_of(self.case) else None
+        bending = binned_errors(self.bending_of_faces(stated), bins) if fluxes_of(self.case) else None
         return noise_shape_of_record(
             self.record, response, bins, self.spacing, self.noise_stds, face_noise, errors, bending
         )
 
-    def _bending_of_faces(self, parameters: Parameters, bins: BinnedReadings) -> Float[np.ndarray, "error reading"]:
-        """The effect of how the faces bend between their rows on the binned readings, fluxes among them."""
-        responses = face_change_response(self.model, parameters, self._bent_faces)
-        return np.stack([np.asarray(bins.mean(on_device(response))) for response in responses])
+    def bending_of_faces(self, parameters: Parameters) -> Float[np.ndarray, "error time instrument"]:
+        """The effect of how the faces bend between their rows on the readings beside plates."""
+        return face_change_response(self.model, parameters, self._bent_faces)
 
     @cached_property
     def _bent_faces(self) -> Float[np.ndarray, "change interval power face"]:
@@ -322,6 +321,13 @@ def diagnosis_problem(case: Case) -> DiagnosisProblem:
         case, stated, record, readings, model, bins, spacing, testable, parameters, search_range,
         has_pattern=has_pattern,
     )  # fmt: skip
+
+
+def binned_errors(
+    errors: Float[np.ndarray, "error time instrument"], bins: BinnedReadings
+) -> Float[np.ndarray, "error reading"]:
+    """The means over bins of errors of the readings."""
+    return np.stack([np.asarray(bins.mean(on_device(error))) for error in errors])
 
 
 def _readings(case: Case, record: Record) -> np.ndarray:

@@ -10,6 +10,7 @@ from ..case.case_definition import Case
 from ..case.mixups import visible_mixups
 from ..estimation.materials import implausible
 from ..estimation.unknown_heat import UnknownHeat
+from ..records.weather_year import read_weather_year
 from .compilation import compile_together
 from .cross_validation import cross_validate
 from .effect_fit import EffectFit
@@ -48,13 +49,15 @@ def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
         The verdict, the named effects with their sizes, and the diffusivity with them in the model.
 
     Raises:
-        InputError: no inner sensor and no plate has a reading.
+        InputError: no inner sensor and no plate has a reading; the weather file that `[plan]` states cannot be read.
         RuntimeError: 64-bit floats are switched off.
 
     Example:
         >>> diagnosis = wallid.diagnose(wallid.load("case.toml"))
         >>> print(diagnosis.verdict, diagnosis.sentence)
     """
+    if case.plan is not None:  # the next measurement needs it: an error must not come after the search
+        read_weather_year(case.planned_campaign.weather_file)
     with shown_progress(progress) as report:
         plain = _fit_plain_model(case, report)
         if plain.fits.problem.has_pattern:

@@ -184,7 +184,7 @@ class _IteratedGLS:
             fewest = 1 if fit.disturbance is None else _SEARCHES  # the first search is of a fit without one
             if not math.isfinite(change) or (fit.iterations > fewest and converged):
                 break
-            if fit.iterations == 1:
+            if fit.iterations == 1 and minimised:  # of another residual the memory of the noise is not known
                 self.filter_faces_as_found(fit)
             parameters = fit.parameters
             if bent:  # the model is linear about the last values: a step is one prior standard deviation at most

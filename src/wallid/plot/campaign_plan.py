@@ -35,7 +35,7 @@ def _percent_axis(ax: Axes) -> None:
 def interval_by_days(plan: CampaignPlan, *, ax: Axes | None = None) -> Axes:
     """Expected half width of the interval of the diffusivity against the days, for each number of sensors.
 
-    The band is over the diffusivities that the wall may have.
+    Each length is from its best first day on. The band is over the diffusivities that the wall may have.
 
     Args:
         plan: the planned campaign.
@@ -44,7 +44,7 @@ def interval_by_days(plan: CampaignPlan, *, ax: Axes | None = None) -> Axes:
     Returns:
         The Axes.
     """
-    ax, plates = axes_or_new(ax), len(plan.campaign.settings.plates)
+    ax, plates = axes_or_new(ax), len(plan.plates)
     for k, curve in enumerate(plan.curves):
         name = counted(curve.sensors, "sensor")
         name += f" and {counted(plates, 'plate')}" if plates else ""

@@ -17,6 +17,14 @@ from .._internal.errors import InputError
 
 HOURS = 8760
 """Rows of a typical year, one for the middle of each hour, in local standard time."""
+_LEAP_YEAR = 2024  # into which the months of a file are put: each date of a file has a place in it
+_LIMITS = {
+    "temp_air": (-80.0, 60.0, "degC"),
+    "ghi": (0.0, 1500.0, "W/m2"),
+    "dni": (0.0, 1500.0, "W/m2"),
+    "dhi": (0.0, 1500.0, "W/m2"),
+}
+"""Of each column: the limits, outside which are the codes of missing values, such as 99.9, 9999 and -9900."""
 _STEFAN_BOLTZMANN = 5.670374419e-8  # W/m2/K4
 _CLEAR_SKY_DEFICIT = (
     63.0  # W/m2, by which the sky radiates less than air, where the file has no infrared (ISO 6946: 4 K)
@@ -80,7 +88,8 @@ def read_weather_year(file: str | os.PathLike[str]) -> WeatherYear:
     """Read a typical year from an EPW file, or from a TMY3 file (CSV).
 
     Raises:
-        InputError: pvlib is not installed; the file cannot be read, is of neither kind, or has no full year.
+        InputError: pvlib is not installed; the file cannot be read, is of neither kind, has no full year, or lacks
+            values.
     """
     path = Path(file)
     if not path.is_file():
@@ -91,9 +100,9 @@ def read_weather_year(file: str | os.PathLike[str]) -> WeatherYear:
         raise InputError("weather files are read by pvlib; install it with `pip install wallid[plan]`") from error
     try:
         data, about = (
-            read_epw(path, coerce_year=2023)
+            read_epw(path, coerce_year=_LEAP_YEAR)
             if path.suffix.lower() == ".epw"
-            else read_tmy3(path, coerce_year=2023, map_variables=True)
+            else read_tmy3(path, coerce_year=_LEAP_YEAR, map_variables=True)
         )
     except Exception as error:  # pvlib raises whatever its parsers raise
         raise InputError(
@@ -104,14 +113,21 @@ def read_weather_year(file: str | os.PathLike[str]) -> WeatherYear:
 
 def _weather_year(data: Any, about: dict[str, Any], file: str) -> WeatherYear:
     """The columns that pvlib gives, checked."""
-    if len(data) == HOURS + 24:  # a leap year
+    if len(data) == HOURS + 24:  # the file is of a leap year
         data = data[~((data.index.month == 2) & (data.index.day == 29))]
     if len(data) != HOURS:
         raise InputError(f"{file}: {len(data)} rows; a typical year has {HOURS}, one for each hour")
-    columns = {name: np.asarray(data[name], float) for name in ("temp_air", "ghi", "dni", "dhi")}
+    columns = {name: np.asarray(data[name], float) for name in _LIMITS}
     for name, values in columns.items():
-        if not np.isfinite(values).all():
-            raise InputError(f"{file}: {name} is missing in {int((~np.isfinite(values)).sum())} rows")
+        lowest, highest, unit = _LIMITS[name]
+        missing = ~((values >= lowest) & (values <= highest))  # NaN too
+        if missing.any():
+            first = int(np.argmax(missing))
+            raise InputError(
+                f"{file}: {name} is missing or impossible in {int(missing.sum())} of {HOURS} hours, first "
+                f"{values[first]:g} in hour {first + 1}; it must be {lowest:g} to {highest:g} {unit}. Fill these "
+                f"hours, or take another file"
+            )
     air = columns["temp_air"]
     infrared = np.asarray(data["ghi_infrared"], float) if "ghi_infrared" in data else np.full(HOURS, np.nan)
     blackbody = _STEFAN_BOLTZMANN * (air + 273.15) ** 4

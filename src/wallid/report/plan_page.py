@@ -17,8 +17,8 @@ _NAMES = {
 }
 _CAPTIONS = {
     "days": "Expected half width of the 95 % interval of the diffusivity against the length of the campaign, for the "
-    "best set of each number of sensors. Bands: over the diffusivities that the wall may have. Days past the dashed "
-    "line buy little.",
+    "best set of each number of sensors, each length from its best first day on. Bands: over the diffusivities that "
+    "the wall may have. Days past the dashed line buy little.",
     "season": "The same against the first day, for the planned sensors and days: the median over the weather of the "
     "two weeks before and after it in a typical year.",
     "accuracy": "The same against the accuracy of the positions and of the offsets of the sensors inside the wall.",

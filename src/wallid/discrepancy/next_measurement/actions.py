@@ -59,7 +59,7 @@ class Action:
             case "flux_plate":
                 return f"put a heat flux plate on the {self.parameters['face']} face"
             case "column":
-                return f"log the {_COLUMN_WORDS.get(self.parameters['column'], self.parameters['column'])}"
+                return f"log the {_words_of(self.parameters['column'])}"
             case "longer":
                 return f"record {self.days:.3g} days in the same way"
             case "shade":
@@ -101,6 +101,10 @@ _COLUMN_WORDS = {
 }
 
 
+def _words_of(column: str) -> str:
+    return _COLUMN_WORDS.get(column, column)
+
+
 @dataclass(frozen=True, eq=False)
 class Prescription:
     """What to measure so that the next diagnosis answers one question.
@@ -113,6 +117,7 @@ class Prescription:
         actions: those that help, the best first.
         tried: the kinds of action that were tried.
         curve: positions (m) and probabilities of one more sensor; empty where none was tried.
+        column: that the effects need; empty where they could be tested for.
     """
 
     separate: tuple[EffectParameters, ...]
@@ -121,33 +126,43 @@ class Prescription:
     actions: tuple[Action, ...]
     tried: tuple[ActionKind, ...]
     curve: tuple[tuple[float, float], ...] = field(default=(), repr=False)
+    column: str = ""
 
     @property
     def question(self) -> str:
         """What the record leaves open, as the beginning of a sentence."""
+        if self.column:
+            return f"To test for {_list_of(self.labels)}"
         if not self.separate:
             return "To determine the diffusivity"
-        if self.tried == ("column",):
-            return f"To test for {_list_of(self.labels)}"
         return f"To distinguish {self.labels[0]} from {_list_of(self.labels[1:])}"
 
     @property
     def sentence(self) -> str:
         """What to measure next, with the probability that the next diagnosis is then right."""
+        if not self.actions and self.now >= HELPFUL:
+            return (
+                f"{self.question}, a mere repeat of this record is as good as all that was tried: the next diagnosis "
+                f"is then right with probability {self.now:.2f}."
+            )
         if not self.actions:
-            tried = _list_of([_KIND_WORDS[kind] for kind in self.tried])
+            tried = _list_of([f"logging the {_words_of(self.column)}"] if self.column else self._tried_words)
             return f"{self.question}, nothing that was tried is probably enough: {tried}."
         best, *others = self.actions
         text = (
             f"{self.question}, {best.words}: the next diagnosis is then right with probability {best.probability:.2f}"
         )
-        if self.tried != ("column",):
+        if not self.column:
             text += f", after a mere repeat of this record with {self.now:.2f}"
         if others:
             text += f". Or {_list_of([f'{one.words} ({one.probability:.2f})' for one in others])}"
         if self.curve and max(probability for _, probability in self.curve) < HELPFUL:
             text += ". No further temperature sensor is probably enough"
         return f"{text}."
+
+    @property
+    def _tried_words(self) -> list[str]:
+        return [_KIND_WORDS[kind] for kind in self.tried]
 
     @property
     def step(self) -> str:
@@ -185,8 +200,11 @@ def _list_of(texts: Sequence[str]) -> str:
 
 
 def best_actions(actions: Sequence[Action], now: float) -> tuple[Action, ...]:
-    """The actions that help, by probability and effort, the best first; at most five."""
-    helpful = [action for action in actions if action.probability >= max(HELPFUL, now)]
+    """The actions that help more than a mere repeat of the record, by probability and effort, the best first.
+
+    At most five.
+    """
+    helpful = [action for action in actions if action.probability >= HELPFUL and action.probability > now]
     return tuple(sorted(helpful, key=score, reverse=True)[:_MOST_SHOWN])
 
 

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..._internal.arrays import on_device
-from ...case.wall_and_sensors import SIDES, Sensor, Side
+from ...case.planned_campaign import TYPICAL_SENSOR
+from ...case.wall_and_sensors import SIDES, Side
 from ...experiment_design.campaign_plan.typical_case import conductivity_of
 from ...models.flux_plates import fluxes_of
 from ..effect_fit import EffectFit
@@ -25,8 +26,6 @@ from .changed_records import ChangedRecord
 from .present_record import PresentRecord
 from .refits import same_effects
 from .separation import Explanation
-
-_SENSOR_NOISE = 0.05  # K, of a sensor beside plates alone
 
 
 class _RecordWithInstrument(ChangedRecord):
@@ -78,7 +77,7 @@ class RecordWithPlate(_RecordWithInstrument):
         problem = with_profile_of(diagnosis_problem(replace(case, record=record)), present)
         reference = present.model.reference_conductivity
         if not fluxes_of(case):
-            reference = on_device(conductivity_of(case.wall, self.present.fits[0].diffusivity))
+            reference = on_device(conductivity_of(case.wall, self.present.diffusivity))
         return replace(problem, model=replace(problem.model, reference_conductivity=reference))
 
 
@@ -107,7 +106,7 @@ class RecordWithFirstSensor(_RecordWithInstrument):
         record = replace(
             present.case.record, sensors=present.case.record.faces.mean(axis=1, keepdims=True), names=("new 1",)
         )
-        sensor = Sensor("new 1", self.position, noise_std=_SENSOR_NOISE)
+        sensor = replace(TYPICAL_SENSOR, name="new 1", position=self.position)
         problem = diagnosis_problem(replace(present.case, record=record, sensors=(sensor,)))
         return with_profile_of(problem, present)
 

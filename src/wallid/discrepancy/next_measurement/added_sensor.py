@@ -18,10 +18,10 @@ from ...inference.noise_covariance import BinnedReadings
 from ...inference.noise_of_record import noise_shape_of_record
 from ...inference.nuisance_kinds import FacePositions, SensorOffsets, SensorPositions
 from ...inference.parameters import Parameters, kind_of, target_of
-from ...models.flux_plates import face_noise_of_model
+from ...models.flux_plates import face_noise_of_model, fluxes_of
 from ..effect_fit import EffectFit
 from ..model_with_effects import face_impulse_response, linearise
-from ..problem import DiagnosisProblem
+from ..problem import DiagnosisProblem, binned_errors
 from .present_record import PresentRecord
 from .separation import Explanation
 
@@ -63,20 +63,20 @@ def added_sensors(present: PresentRecord, positions: Sequence[float]) -> Iterato
     fits, problem, size = present.fits, present.problem, present.problem.sensor_count
     # as in `DiagnosisProblem.noise_shape`, at the stated positions
     stated = _with_stated_faces(fits[0].parameters, SensorPositions.kind)
-    response_of_present = face_impulse_response(problem.model, stated)
+    of_present = _FaceErrorResponses.at(problem, stated)
     for first in range(0, len(positions), size):
         some = positions[first : first + size]
         parameters = [_moved(fit.parameters, problem.case.sensors, some) for fit in fits]
-        response = face_impulse_response(problem.model, _with_stated_faces(parameters[0]))
+        moved = _FaceErrorResponses.at(problem, _with_stated_faces(parameters[0]))
         predictions = [_Prediction.of(fit, at) for fit, at in zip(fits, parameters, strict=True)]
         for slot, position in enumerate(some):
             sensor = another_sensor(problem, position)
-            both = np.concatenate([response_of_present, response[:, :, slot : slot + 1]], axis=2)
             extended = tuple(
                 prediction.extend(one, sensor, slot)
                 for prediction, one in zip(predictions, present.explanations, strict=True)
             )
-            yield AddedSensor(sensor, slot, _whitening(fits[0], sensor, slot, both), extended)
+            whitening = _whitening(fits[0], sensor, slot, of_present.beside(moved, slot))
+            yield AddedSensor(sensor, slot, whitening, extended)
 
 
 def _moved(parameters: Parameters, sensors: Sequence[Sensor], positions: Sequence[float]) -> Parameters:
@@ -140,7 +140,36 @@ class _Prediction:
         )
 
 
-def _whitening(fit: EffectFit, sensor: Sensor, like: int, response: np.ndarray) -> np.ndarray:
+@dataclass(frozen=True, eq=False)
+class _FaceErrorResponses:
+    """How errors of the faces' readings change those of the instruments.
+
+    Args:
+        impulse: to an error of one row, `(face, row, instrument)`.
+        bending: by how the faces bend between their rows, `(error, time, instrument)`; None without plates.
+    """
+
+    impulse: np.ndarray
+    bending: np.ndarray | None
+
+    @classmethod
+    def at(cls, problem: DiagnosisProblem, parameters: Parameters) -> _FaceErrorResponses:
+        bending = problem.bending_of_faces(parameters) if fluxes_of(problem.case) else None
+        return cls(face_impulse_response(problem.model, parameters), bending)
+
+    def beside(self, other: _FaceErrorResponses, index: int) -> _FaceErrorResponses:
+        """With one instrument of others as the last."""
+
+        def both(own: np.ndarray, others: np.ndarray) -> np.ndarray:
+            return np.concatenate([own, others[..., index : index + 1]], axis=2)
+
+        bending = None
+        if self.bending is not None and other.bending is not None:
+            bending = both(self.bending, other.bending)
+        return _FaceErrorResponses(both(self.impulse, other.impulse), bending)
+
+
+def _whitening(fit: EffectFit, sensor: Sensor, like: int, responses: _FaceErrorResponses) -> np.ndarray:
     """W of all readings with those of one more sensor, which has them in the rows of the sensor `like`."""
     problem = fit.problem
     observed, present = (np.asarray(rows) for rows in (problem.bins.observed, problem.bins.present))
@@ -150,6 +179,9 @@ def _whitening(fit: EffectFit, sensor: Sensor, like: int, response: np.ndarray) 
         problem.bins.rows_per_bin,
     )
     stds = np.append(problem.noise_stds, sensor.noise_std)
-    faces = face_noise_of_model(problem.case)
-    shape = noise_shape_of_record(problem.record, response, bins, problem.spacing, stds, *faces)
+    face_noise, errors = face_noise_of_model(problem.case)
+    bending = None if responses.bending is None else binned_errors(responses.bending, bins)
+    shape = noise_shape_of_record(
+        problem.record, responses.impulse, bins, problem.spacing, stds, face_noise, errors, bending
+    )
     return shape.covariance_like(fit.noise).whitening

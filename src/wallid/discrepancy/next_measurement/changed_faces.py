@@ -27,9 +27,10 @@ from ...experiment_design.campaign_plan.typical_case import (
     indoor_temperature,
     typical_case,
 )
-from ...records.weather_year import WeatherYear
+from ...models.flux_plates import fluxes_of
+from ...records.weather_year import HOURS, WeatherYear
 from ..problem import DiagnosisProblem
-from ..record_forcing import forcing_of_window
+from ..record_forcing import forcing_of_window, hours_of_day
 
 HEATING_POWER, HEATING_HOURS = 100.0, 12.0
 """Heat flux on the inner face, W/m2, and its duration, h."""
@@ -67,21 +68,26 @@ def heated(problem: DiagnosisProblem, diffusivity: float) -> DiagnosisProblem:
 
 
 def in_season(problem: DiagnosisProblem, weather: WeatherYear, start: int, diffusivity: float) -> DiagnosisProblem:
-    """A record of the same rows from an hour of a typical year on, in which the plain wall has some diffusivity.
+    """A record of the same rows in another season of a typical year, in which the plain wall has some diffusivity.
+
+    Its first row is at the same hour of the day as that of the present record.
 
     Args:
         problem: of the present record, whose case has `[plan]`.
         weather: of the typical year.
-        start: the first hour.
+        start: the hour at which its first day begins.
         diffusivity: m2/s.
     """
     case, record = problem.case, problem.record
     campaign = case.planned_campaign
-    typical = typical_case(campaign, weather, diffusivity, [sensor.position for sensor in case.sensors], ())
-    hours = start + record.time / 3600.0
+    positions = [sensor.position for sensor in case.sensors]
+    typical = typical_case(campaign, weather, diffusivity, positions, fluxes_of(case))
+    hours = start + hours_of_day(record)[0] + record.time / 3600.0
 
     def at_rows(values: np.ndarray) -> np.ndarray:
-        return np.asarray(scipy.interpolate.CubicSpline(np.arange(len(values)), values)(hours))
+        """Of means over the hours of the year, which is periodic."""
+        year = np.concatenate([values[:HOURS], values[:1]])
+        return np.asarray(scipy.interpolate.CubicSpline(0.5 + np.arange(HOURS + 1), year, bc_type="periodic")(hours))
 
     courses = {
         "irradiance": campaign_irradiance(campaign, weather),

@@ -77,7 +77,7 @@ class HeatedRecord(ChangedRecord):
     @cached_property
     def problem(self) -> DiagnosisProblem:
         """The present record with a warmer inner face."""
-        return heated(self.present.problem, self.present.fits[0].diffusivity)
+        return heated(self.present.problem, self.present.diffusivity)
 
 
 class SeasonRecord(ChangedRecord):
@@ -86,7 +86,7 @@ class SeasonRecord(ChangedRecord):
     Args:
         present: the present one.
         weather: of the typical year.
-        start: its first row in the typical year.
+        start: the hour of the typical year at which its first day begins.
     """
 
     kind = "season"
@@ -102,7 +102,7 @@ class SeasonRecord(ChangedRecord):
     @cached_property
     def problem(self) -> DiagnosisProblem:
         """The present record with faces, air and sun of that season."""
-        return in_season(self.present.problem, self.weather, self.start, self.present.fits[0].diffusivity)
+        return in_season(self.present.problem, self.weather, self.start, self.present.diffusivity)
 
 
 class SwappedRecord(ChangedRecord):
@@ -189,8 +189,8 @@ def changed_records(present: PresentRecord) -> Iterator[CandidateRecord]:
         yield ShadedRecord(present)
     if problem.case.plan is not None:
         weather = read_weather_year(problem.case.planned_campaign.weather_file)
-        rows = int(np.ceil(24 * present.days)) + 1
-        starts = 24 * np.linspace(0, (HOURS - 24 - rows) // 24, _SEASONS).astype(int) if rows < HOURS - 24 else []
+        year = HOURS // 24
+        starts = 24 * np.linspace(0, year, _SEASONS, endpoint=False).astype(int) if present.days < year else []
         yield from (SeasonRecord(present, weather, int(start)) for start in starts)
 
 

@@ -1,7 +1,8 @@
 """The columns that a planned campaign should log.
 
-An effect that needs a column, at its typical size, either would be seen in the record, so that without the column
-something unnamed would remain; or it would be taken for another diffusivity. In both cases the column is to be logged.
+A column is to be logged where an effect that needs it, at its typical size, would be seen in the record: without the
+column something unnamed would remain. An effect that is only taken for another diffusivity would not be told from it
+with the column either.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..._internal.units import DAY
 from ...case.case_definition import Case
 from ...case.time_window import Window
 from ...case.wall_and_sensors import SIDES
@@ -40,10 +42,12 @@ def columns_to_log(case: Case, window: Window, logged: dict[str, np.ndarray]) ->
     columns = sorted({*unlogged(len(case.sensors), ()), "heating"})
     part = case.record.window(window.row, min(window.rows, _LONGEST))
     courses = typical_courses(part, SIDES.index(case.wall.outside))
-    courses |= {name: values[window.row : window.row + part.rows] for name, values in logged.items()}
+    hours = window.row + np.arange(part.rows)
+    courses |= {name: np.take(values, hours, mode="wrap") for name, values in logged.items()}
     fluxes = {name: part.regressors[name] for name in plates}
     record = replace(part, regressors={name: courses[name] for name in columns} | fluxes)
-    problem = diagnosis_problem(replace(case, record=record, choices=replace(case.choices, diagnose_days=None)))
+    choices = replace(case.choices, diagnose_days=None, window_days=part.rows * record.step / DAY)
+    problem = diagnosis_problem(replace(case, record=record, choices=choices))
     noise = problem.noise_shape(problem.parameters).stated_covariance()
     scores = CandidateFits(problem).score_candidates(linearised_at(problem, (), problem.parameters, noise))
     reasons = {column: _reason(scores, column) for column in columns}

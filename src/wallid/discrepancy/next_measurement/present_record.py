@@ -42,6 +42,11 @@ class PresentRecord:
         """Length of the record, days."""
         return self.problem.record.span / DAY
 
+    @property
+    def diffusivity(self) -> float:
+        """Of the wall, the median over the fits, m2/s."""
+        return float(np.median([fit.diffusivity for fit in self.fits]))
+
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
         """The readings by each fit."""

@@ -85,7 +85,7 @@ def _for_unlogged(findings: Findings, efforts: Mapping[str, float]) -> Iterator[
     for one in unlogged_columns(findings):
         action = Action("column", {"column": one.column}, days, efforts["column"], one.probability)
         labels = tuple(one.problem.label(effect.effect) for effect in one.effects)
-        yield Prescription(one.effects, labels, 0.0, best_actions([action], 0.0), ("column",))
+        yield Prescription(one.effects, labels, 0.0, best_actions([action], 0.0), ("column",), column=one.column)
 
 
 _Tried = list[tuple[CandidateRecord, Action]]

@@ -1,7 +1,7 @@
 """The columns that were not logged: would an effect that needs one be named if it were logged?
 
 The course of the column is a typical one: a half-sine of irradiance from 6 to 18 h under a sky that changes from day
-to day, air that follows the faces, two rains, heating in the morning and in the evening. With the score test of the
+to day, air that follows the faces, and for a plan heating in the morning and in the evening. With the score test of the
 entire library (`score_test`) a size phi has the squared distance
 
     d^2 = phi^2 |z|^2            from the plain model, and
@@ -98,16 +98,11 @@ def typical_courses(record: Record, outside: int) -> dict[str, np.ndarray]:
     """
     random, hour, day = np.random.default_rng(0), hours_of_day(record), (record.days).astype(int)
     clearness = random.uniform(0.1, 1.0, day[-1] + 1)[day]
-    rain = np.zeros(record.rows)
-    for start in (0.25, 0.6):
-        since = record.time - start * record.time[-1]
-        rain[(since >= 0) & (since < 6 * 3600.0)] = 3.0
     heating = ((hour >= 6) & (hour < 8)) | ((hour >= 17) & (hour < 22))
     return {
         "irradiance": _CLEAREST_SKY * clearness * np.maximum(np.sin(np.pi * (hour - 6.0) / 12.0), 0.0),
         "air_outdoor": _air(record.faces[:, outside], random),
         "air_indoor": _air(record.faces[:, 1 - outside], random),
-        "rain": rain,
         "heating": heating.astype(float),
     }
 

@@ -28,7 +28,7 @@ _TOLERATED = 1.1  # ratio to the narrowest interval that an accuracy may cost
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """The standard error against the days, for one number of sensors.
+    """The standard error against the days, for one number of sensors, each length from its best first day on.
 
     Args:
         sensors: their number.
@@ -108,10 +108,11 @@ class CampaignPlan(ResultObject):
         start: its first day, day of the year.
         errors: expected standard errors of the logarithms, in the weather of several years, at each of `diffusivities`.
         diffusivities: that the wall may have with equal probability, m2/s.
-        curves: the interval against the days, for the best set of each number of sensors.
+        curves: the interval against the days, for the best set of each number of sensors beside these plates.
         season: the interval against the first day.
         tolerances: the interval against the accuracy of positions and offsets; empty without a sensor.
-        case, window: the planned campaign in the typical year, at the prior diffusivity, without noise.
+        case, window: the planned campaign in the typical year, at the prior diffusivity, without noise. The record
+            goes on with the beginning of the year, where the campaign goes past its end.
         columns: further columns to log, each with the reason.
         average_method_days: days after which ISO 9869-1 would let a measurement end, by plate; None where not at all.
     """
@@ -165,8 +166,13 @@ class CampaignPlan(ResultObject):
 
     @property
     def season_ratio(self) -> float:
-        """The widest interval over that of the chosen first day."""
-        return float(self.season.median.max() / self.season.median.min())
+        """The widest interval over that of the chosen first day; infinite where it determines nothing."""
+        return half_width(float(self.season.median.max())) / half_width(self._std_from_start)
+
+    @property
+    def _std_from_start(self) -> float:
+        """The standard error of ln(diffusivity) from the chosen first day on."""
+        return float(self.season.median[self.season.days.index(self.start)])
 
     def to_dict(self) -> dict[str, Any]:
         """The entries of result.json under "plan"."""
@@ -238,7 +244,7 @@ class CampaignPlan(ResultObject):
     @property
     def season_sentence(self) -> str:
         """What another season would give."""
-        best, worst = (half_width(float(one)) for one in (self.season.median.min(), self.season.median.max()))
+        best, worst = half_width(self._std_from_start), half_width(float(self.season.median.max()))
         if self.season_ratio < _WORTH_TELLING:
             return f"the first day matters little (+-{100 * best:.2g} to {100 * worst:.2g} %)"
         return (
@@ -253,7 +259,8 @@ class CampaignPlan(ResultObject):
         texts = []
         for one in self.tolerances:
             words, unit = units[one.name]
-            worst, coarsest = one.errors[-1] / one.errors.min(), value_and_std(one.values[-1], 0.0, unit)
+            worst = half_width(float(one.errors[-1])) / half_width(float(one.errors.min()))
+            coarsest = value_and_std(one.values[-1], 0.0, unit)
             if worst <= _TOLERATED:
                 texts.append(f"{words} {coarsest} are accurate enough: the record determines them")
                 continue

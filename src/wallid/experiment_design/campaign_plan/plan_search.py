@@ -23,7 +23,7 @@ _MIDDLE = 2
 _SHARES = np.linspace(0.1, 0.9, 9)  # of the wall's length, at which a sensor may be
 _STARTS = 53  # first days that are compared
 _NEARBY = 15.0  # days around the first one, whose weather another year may have
-_LENGTHS = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 21.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 270.0, 366.0)  # days
+_LENGTHS = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 21.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 270.0)  # days
 _PLACES_FROM = 6  # first days at which the places are compared
 _PLACED_WITH = 7.0  # days, length of a campaign for which they are
 _ENOUGH = 1.1  # an interval that is at most so many times the narrowest needs nothing more
@@ -44,15 +44,14 @@ class PlanSearch:
         self.campaign, self.wall, self.weather = campaign, campaign.wall, weather
         self.report, self.days = report, campaign.settings.days
         positions = (_SHARES * self.wall.length).tolist()
-        last = HOURS - round(self.days * 24)
-        self.starts = 24 * np.unique(np.linspace(0, max(last, 0) / 24, _STARTS).astype(int))
+        self.starts = 24 * np.linspace(0, HOURS / 24, _STARTS, endpoint=False).astype(int)
         self.years: list[TypicalYear] = []
         step = sampling_step(campaign)
         for count, quantile in enumerate(EQUAL_CHANCES):
             report("plan: simulating the typical year", 0.05 + 0.2 * count / len(EQUAL_CHANCES))
             diffusivity = self.wall.diffusivity_prior * math.exp(quantile * campaign.settings.log_std)
             case = typical_case(campaign, self.weather, diffusivity, positions, campaign.settings.plates)
-            self.years.append(TypicalYear(case, self.starts.tolist(), min(self.days, HOURS / 24), step))
+            self.years.append(TypicalYear(case, self.starts.tolist(), self.days, step))
 
     @property
     def diffusivities(self) -> tuple[float, ...]:
@@ -61,7 +60,8 @@ class PlanSearch:
 
     def nearby(self, start: int) -> list[int]:
         """The first days within two weeks of one: another year has the weather of any of them."""
-        return np.flatnonzero(np.abs(self.starts - self.starts[start]) <= 24 * _NEARBY).tolist()
+        apart = np.abs(self.starts - self.starts[start])
+        return np.flatnonzero(np.minimum(apart, HOURS - apart) <= 24 * _NEARBY).tolist()
 
     def errors(self, start: int, days: float, instruments: Instruments, sensor: Sensor | None = None) -> CampaignErrors:
         """The expected standard errors at each diffusivity, in the weather from each nearby day on.
@@ -103,13 +103,16 @@ class PlanSearch:
         return sets if plates else sets[1:]
 
     def best_start(self, days: float, instruments: Instruments) -> int:
-        """The index of the first day with the smallest standard error."""
+        """The index of the first day with the smallest standard error at the middle diffusivity."""
         return int(np.argmin(self.season(days, instruments, [self.years[_MIDDLE]])))
 
-    def curve(self, start: int, instruments: Instruments) -> Curve:
-        """The interval against the days, for one set and one first day."""
+    def curve(self, instruments: Instruments) -> Curve:
+        """The interval against the days, for one set, each length from its best first day on."""
         lengths = [*(days for days in _LENGTHS if days < self.days), self.days]
-        errors = [np.median(self.errors(start, days, instruments).diffusivity, axis=0) for days in lengths]
+        errors = [
+            np.median(self.errors(self.best_start(days, instruments), days, instruments).diffusivity, axis=0)
+            for days in lengths
+        ]
         return Curve(len(instruments.sensors), tuple(lengths), np.array(errors))
 
 
@@ -130,23 +133,24 @@ def plan_campaign(campaign: PlannedCampaign, weather: WeatherYear, report: Progr
     """
     search = PlanSearch(campaign, weather, report)
     sets = search.places()
-    report("plan: choosing the first day and the length", 0.6)
-    start = search.best_start(search.days, sets[-1])
-    curves = [search.curve(start, one) for one in sets]
+    report("plan: choosing the length", 0.6)
+    curves = [search.curve(one) for one in sets]
     longest = np.array([curve.median[-1] for curve in curves])
     chosen = int(np.argmax(longest <= max(_ENOUGH * longest.min(), _FINE_ENOUGH)))
-    instruments = _with_fewest_plates(search, start, sets[chosen])
+    instruments = _with_fewest_plates(search, sets[chosen])
+    if instruments != sets[chosen]:
+        curves = [search.curve(replace(one, plates=instruments.plates)) for one in sets]
     days = curves[chosen].enough(_ENOUGH, _FINE_ENOUGH)
-    report("plan: comparing seasons", 0.8)
+    report("plan: comparing seasons", 0.9)
     return _result(search, instruments, days, curves)
 
 
-def _with_fewest_plates(search: PlanSearch, start: int, instruments: Instruments) -> Instruments:
+def _with_fewest_plates(search: PlanSearch, instruments: Instruments) -> Instruments:
     """The set with the fewest plates that determine the resistance about as well as all; one is needed for it."""
     plates = instruments.plates
     if len(plates) < 2:
         return instruments
-    year = search.years[_MIDDLE]
+    year, start = search.years[_MIDDLE], search.best_start(search.days, instruments)
     both = year.errors(start, search.days, instruments).resistance
     single = [replace(instruments, plates=(k,)) for k in plates]
     errors = [year.errors(start, search.days, one).resistance for one in single]

@@ -105,8 +105,8 @@ def typical_case(
         plates: the faces with a heat flux plate.
 
     Returns:
-        A case with a record of each hour of the year. Its noise is that of the mean of an hour of rows at the
-        `sampling_step`.
+        A case with a record of each hour of the year, and then of its beginning again for as long as the longest
+        campaign. Its noise is that of the mean of an hour of rows at the `sampling_step`.
     """
     wall = campaign.wall
     conductivity = conductivity_of(wall, diffusivity)
@@ -120,7 +120,8 @@ def typical_case(
         *(Output(ends[SIDES.index(plate)], "flux") for plate in plates),
     ]
     system = finite_volume_model(wall, outputs, nodes=campaign.choices.nodes, profile_degree=1, film=(film[0], film[1]))
-    inputs = np.concatenate([air[-_SPIN_UP:], air])
+    rows = HOURS + math.ceil(campaign.settings.days * DAY / _HOUR)
+    inputs = np.take(air, np.arange(-_SPIN_UP, rows), axis=0, mode="wrap")
     initial = np.array([inputs[0, 0], inputs[0, 1] - inputs[0, 0]])
     fourier = _HOUR * diffusivity / wall.length**2
     values, _ = propagate(system.modal(), fourier, 1.0, inputs, initial)
@@ -133,8 +134,8 @@ def typical_case(
     )
     fluxes = {f"flux_{plate}": conductivity / wall.length * readings[:, columns + k] for k, plate in enumerate(plates)}
     record = Record(
-        time=_HOUR * np.arange(HOURS),
-        stamps=np.datetime64("2023-01-01T00:30:00", "ns") + np.arange(HOURS) * np.timedelta64(3600, "s"),
+        time=_HOUR * np.arange(rows),
+        stamps=np.datetime64("2023-01-01T00:30:00", "ns") + np.arange(rows) * np.timedelta64(3600, "s"),
         zone=None,
         faces=readings[:, :2],
         sensors=readings[:, 2:columns],
