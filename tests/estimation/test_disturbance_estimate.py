@@ -12,11 +12,14 @@ from benchmarks.accuracy.disturbance import CAPACITY, DIFFUSIVITY, FINE, LENGTH,
 from benchmarks.reference.analytic_slab import heated, weather
 from heated_walls import case_of, hidden_heat
 from scipy.linalg import solve_banded
+from scipy.signal import lfilter
+from scipy.stats import binom
 
 import wallid
 from wallid.case.options import Choices
-from wallid.estimation import smoothed_disturbance
+from wallid.estimation import heat_flux, smoothed_disturbance
 from wallid.estimation.unknown_heat import column_followed
+from wallid.inference import generalised_least_squares as gls
 from wallid.inference.contact_test import contact_scores
 from wallid.inference.generalised_least_squares import fit_generalised_least_squares
 from wallid.models.flux_plates import full_order_model_with_plates
@@ -120,6 +123,48 @@ def test_a_course_that_follows_nothing_is_not_said_to_follow():
     assert column_followed(one, {"rain": np.zeros(len(one))}, 1800.0) is None
 
 
+@pytest.mark.parametrize("hours", [3.0, 48.0, 200.0])
+def test_slow_heat_follows_nothing_by_chance(hours):
+    """With a memory as long as the record, five days: first-order autoregressions that are independent."""
+    rng, rows, draws = np.random.default_rng(5), 240, 150
+
+    def course():
+        decay = np.exp(-0.5 / hours)
+        noise = np.sqrt(1 - decay**2) * rng.standard_normal(rows)
+        return lfilter([1.0], [1.0, -decay], noise, zi=[decay * rng.standard_normal()])[0]
+
+    small = sum(column_followed(course(), {"wind": course()}, 1800.0, seed).significant for seed in range(draws))
+    assert small <= binom.ppf(0.999, draws, 0.05)
+
+
+def test_readings_that_do_not_depend_on_the_diffusivity_have_no_disturbance():
+    """Faces and wall are always as warm: the estimate says so."""
+    case = case_of()
+    rng, rows = np.random.default_rng(0), case.record.rows
+    record = replace(case.record, faces=np.full((rows, 2), 20.0), sensors=20.0 + 0.05 * rng.standard_normal((rows, 2)))
+    choices = replace(case.choices, disturbance="auto", model="lom", initial_coefficients=(20.0,))
+    fit = wallid.estimate(replace(case, record=record, choices=choices))
+    assert not fit.reliable and fit.disturbance is None
+
+
+def test_a_disturbance_needs_noise_that_is_estimated():
+    for noise in ("stated", "robust"):
+        with pytest.raises(wallid.InputError, match="state only one"):
+            Choices(noise=noise, disturbance="auto")
+        assert Choices(noise=noise, disturbance="none").noise == noise
+
+
+def test_contacts_are_those_of_one_wall_in_all_windows(monkeypatch):
+    """One of two windows shows a contact: both are estimated with it, and pooled."""
+    case = case_of(Kind("plates", "nothing", 3.0))
+    case = replace(case, choices=replace(case.choices, disturbance="none", noise="stated", nodes=41, model="lom"))
+    scores = iter([9.0, 0.0])
+    monkeypatch.setattr(gls, "contact_scores", lambda case, fit: {"left": next(scores), "right": 0.0})
+    monkeypatch.setattr(heat_flux, "_second_half_prediction", lambda *arguments: None)
+    found = wallid.campaign(case, window_days=1.5)
+    assert len(found.fits) == 2 and set(found.thermal.contact_resistances) == {"left", "right"}
+
+
 def slab_with_contacts(contact, rows=288, step=900.0, seed=2):
     """A wall of two plates, with a resistance between each face and its sensor, m2 K/W; Crank-Nicolson by SciPy."""
     parts, cells, k, c = 15, 150, 0.75, 1.5e6
@@ -169,5 +214,5 @@ def test_no_contact_resistance_is_found_where_there_is_none():
     assert fit.thermal.contact_resistances == {} and abs(fit.value - DIFFUSIVITY) < 3 * fit.std
     window = wallid.Window(0, case.record.rows)
     model = full_order_model_with_plates(case)
-    gls = fit_generalised_least_squares(case, window, window_data(case, window), model, 5e-7, eta=1e-8)
-    assert all(abs(score) < 3.5 for score in contact_scores(case, gls).values())
+    of_window = fit_generalised_least_squares(case, window, window_data(case, window), model, 5e-7, eta=1e-8)
+    assert all(abs(score) < 3.5 for score in contact_scores(case, of_window).values())

@@ -15,9 +15,10 @@ from typer.testing import CliRunner
 
 import wallid
 from wallid import plot
-from wallid.case.time_window import entire_record
+from wallid.case.time_window import entire_record, row_at
 from wallid.cli.commands import app
 from wallid.estimation.forecasting import step_errors
+from wallid.estimation.persistence import error_of_persistence, with_persistent_faces
 from wallid.inference.filter_model import filter_model
 from wallid.inference.generalised_least_squares import fit_generalised_least_squares
 from wallid.models.flux_plates import full_order_model_with_plates
@@ -51,7 +52,7 @@ def test_the_first_step_is_the_filters_innovation():
     fit = fit_generalised_least_squares(
         case, window, window_data(case, window), full_order_model_with_plates(case), 5e-7, eta=1e-8
     )
-    states = filter_model(case, fit)
+    states = filter_model(case, window, fit)
     rows = case.record.rows
     filtered = states.filtered()
     one = step_errors([(1.0, states, filtered)], case.record.step, (case.record.step / 3600.0,))[0]
@@ -76,6 +77,59 @@ def test_persistence_goes_on_from_the_last_reading(found):
     assert_allclose(persistent.std[0], found.std[0], rtol=0.2)
 
 
+def test_a_forecast_does_not_depend_on_its_length(found):
+    longer = wallid.forecast(case_of(), "2026-03-05T00:00", 60.0)
+    assert longer.faces == "persistence" and longer.logged == DAY_ROWS
+    assert "until 2026-03-05T23:30:00, then as on the day before" in str(longer)
+    assert longer.disturbance.evidence == pytest.approx(found.disturbance.evidence, rel=0.02)
+    assert_allclose(longer.mean[:DAY_ROWS], found.mean, atol=0.02)
+    assert_allclose(longer.std[:DAY_ROWS], found.std, rtol=0.02)
+
+
+def test_interpolated_faces_widen_a_forecast(found):
+    case, fill_std = case_of(), np.zeros((240, 2))
+    fill_std[193:207] = 3.0
+    wide = wallid.forecast(replace(case, record=replace(case.record, fill_std=fill_std)), "2026-03-05T00:00", 12.0)
+    assert np.all(wide.std[14] > 1.5 * found.std[14])
+
+
+def test_the_error_of_persistence_is_that_of_a_random_walk():
+    """Of faces that are random walks its variance is 2 j a day ahead, 2 j - N on the next, in steps of the walk."""
+    rng, day, rows = np.random.default_rng(0), 24, 72
+    response = np.zeros((2, rows, 1))
+    response[0, 0] = 1.0  # a reading that is the left face
+    errors = []
+    for _ in range(200):
+        faces = np.cumsum(rng.standard_normal((7 * day, 2)), axis=0)
+        time = 3600.0 * np.arange(len(faces))
+        record = wallid.Record(time, time, None, faces, np.empty((len(faces), 0)), (), boundary_noise_std=0.01)
+        errors.append(error_of_persistence(record, response, len(faces), rows, 0)[:, 0] ** 2)
+    j = np.arange(1, rows + 1)
+    expected = 2 * j - day * (np.ceil(j / day) - 1)
+    assert_allclose(np.mean(errors, axis=0), expected, rtol=0.2)
+
+
+def test_persistence_needs_days_to_go_on_from():
+    with pytest.raises(wallid.InputError, match="less than 3 days"):
+        wallid.forecast(case_of(), "2026-03-03T00:00", 24.0, faces="persistence")
+
+
+def test_persistence_crosses_no_break():
+    """The rows of a break stay what they are where the record is lengthened."""
+    case = case_of()
+    fill_std = np.zeros((240, 2))
+    fill_std[100:120] = np.inf
+    case = replace(case, record=replace(case.record, fill_std=fill_std))
+    later, logged = with_persistent_faces(replace(case, record=without_break(case.record)), 230, 20, "record")
+    assert logged == 10 and later.record.rows == 250 and not later.record.broken.any()
+    with pytest.raises(wallid.InputError, match="without a break"):
+        with_persistent_faces(case, 230, 20, "record")
+
+
+def without_break(record):
+    return replace(record, fill_std=np.zeros((240, 2)))
+
+
 def test_plates_are_forecast_too():
     found = wallid.forecast(case_of(Kind("plates", "wall", 48.0)), "2026-03-03T00:00", 12.0)
     assert found.names == ("flux_left", "flux_right") and found.units == ("W/m2", "W/m2")
@@ -91,7 +145,11 @@ def test_the_tables_have_a_mean_and_a_std_for_each_output(found):
     assert read["time"][0] == "2026-03-05T00:00:00" and len(read) == DAY_ROWS
     assert_allclose(read["T2_std"], found.std[:, 1], rtol=1e-4)
     assert "in the 95 % band" in str(found) and "<table" in found._repr_html_()
-    assert set(found.to_dict()) == {"start", "hours", "faces", "training_days", "outputs", "step_errors"}
+    entries = found.to_dict()
+    assert set(entries) == {"start", "hours", "faces", "reliable", "reason", "training_days", "outputs", "step_errors"}
+    assert entries["reliable"] and entries["reason"] == ""
+    poor = replace(found, step_errors=(replace(found.step_errors[0], coverage=(0.95, 0.6)),))
+    assert "only 60% of T2" in poor.unreliable_reason and "unreliable" in str(poor)
 
 
 @pytest.mark.parametrize(
@@ -100,6 +158,7 @@ def test_the_tables_have_a_mean_and_a_std_for_each_output(found):
         ("2027-01-01", "must lie between"),
         ("tomorrow", "such as 2026-03-01"),
         ("2026-03-01T05:00", "needs at least 24"),
+        ("2026-03-05T00:00+01:00", "have no zone"),
     ],
 )
 def test_a_time_that_cannot_be_is_refused(start, message):
@@ -110,9 +169,26 @@ def test_a_time_that_cannot_be_is_refused(start, message):
 def test_other_arguments_that_cannot_be_are_refused():
     with pytest.raises(wallid.InputError, match="hours"):
         wallid.forecast(case_of(), "2026-03-05", -1.0)
+    for wrong in ({"hours": np.inf}, {"days": np.nan}, {"days": -3.0}):
+        with pytest.raises(wallid.InputError, match=next(iter(wrong))):
+            wallid.forecast(case_of(), "2026-03-05", **wrong)
+    with pytest.raises(wallid.InputError, match=r"in days = 0\.25"):
+        wallid.forecast(case_of(), "2026-03-05", days=0.25)
+    unread = np.array(case_of().record.sensors)
+    unread[:190] = np.nan
+    with pytest.raises(wallid.InputError, match="there are 4 readings"):
+        wallid.forecast(replace(case_of(), record=replace(case_of().record, sensors=unread)), "2026-03-05")
     seconds = replace(case_of().record, stamps=case_of().record.time)
     with pytest.raises(wallid.InputError, match="has seconds"):
         wallid.forecast(replace(case_of(), record=seconds), "2026-03-05")
+
+
+def test_a_time_with_an_offset_is_that_of_the_records_zone():
+    """The stamps that messages print can be stated again."""
+    record = replace(case_of().record, zone="+01:00")
+    for time in (record.stamp(100), "2026-03-03T01:00:00Z", "2026-03-03T02:00", "2026-03-02T20:00-05:00"):
+        assert row_at(record, "--from", time) == 100
+    assert row_at(replace(record, zone="Z"), "--from", "2026-03-03T02:00:00Z") == 100
 
 
 def test_figures(found):

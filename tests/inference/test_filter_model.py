@@ -24,10 +24,10 @@ from wallid.records.face_variation import FaceErrors
 LENGTH, DIFFUSIVITY, STEP, ROWS = 0.3, 5e-7, 1800.0, 60
 
 
-def fitted(monkeypatch, every=1, face_std=0.02):
+def fitted(monkeypatch, every=1, face_std=0.02, fill_std=None):
     """A fit of two sensors with offsets and missing readings, the faces known between their rows.
 
-    `every`: rows from reading to reading.
+    `every`: rows from reading to reading. `fill_std`: of faces that were interpolated.
     """
     monkeypatch.setattr(wallid.Record, "face_errors", FaceErrors.none())
     rng = np.random.default_rng(4)
@@ -46,6 +46,7 @@ def fitted(monkeypatch, every=1, face_std=0.02):
         inside,
         ("A", "B"),
         boundary_noise_std=face_std,
+        fill_std=fill_std,
     )
     sensors = tuple(
         wallid.Sensor(name, LENGTH * x, noise_std=0.05, offset_std=0.1) for name, x in (("A", 0.3), ("B", 0.7))
@@ -77,9 +78,23 @@ def test_the_filter_has_the_likelihood_of_the_dense_covariance(monkeypatch, smoo
     by_heat = disturbance.std**2 * readings.covariance(HEAT_PROFILES[profile], 7200.0, smoothness, ROWS, 1)
     noise = shape.covariance_of(0.8, autocorrelated, 0.6, by_heat)
     fit = replace(fit, noise=noise, disturbance=disturbance)
-    one = filter_model(case, fit)
+    one = filter_model(case, entire_record(case), fit)
     filtered = one.filtered()
     assert float(filtered.log_likelihood) == pytest.approx(of_dense(fit, one, noise.covariance), rel=1e-8)
+
+
+def test_interpolated_faces_are_in_the_filter_too(monkeypatch):
+    """Each gap is one error, in the dense covariance and as a state."""
+    fill_std = np.zeros((ROWS, 2))
+    fill_std[10:14, 0] = fill_std[40:50, 1] = 1.0
+    case, fit = fitted(monkeypatch, fill_std=fill_std)
+    noise = fit.noise_shape.covariance_of(0.8, 0.0, 0.0)
+    one = filter_model(case, entire_record(case), replace(fit, noise=noise))
+    without = fit.noise_shape.gap_errors
+    assert len(without) == 2 and np.abs(without).max() > 0.1
+    dense = of_dense(fit, one, noise.covariance)
+    assert float(one.filtered().log_likelihood) == pytest.approx(dense, rel=1e-6)
+    assert of_dense(fit, one, noise.covariance - without.T @ without) != pytest.approx(dense, rel=1e-3)
 
 
 def of_dense(fit, one, covariance):
@@ -101,7 +116,7 @@ def test_noise_remembers_the_hours_between_slow_readings(monkeypatch):
     case, fit = fitted(monkeypatch, every=4, face_std=0.0)
     assert fit.noise_shape.rows_per_bin == 1 and fit.problem.bins.rows_per_bin == 4
     fit = replace(fit, noise=fit.noise_shape.covariance_of(0.8, 0.7, 0.6))
-    one = filter_model(case, fit)
+    one = filter_model(case, entire_record(case), fit)
     between = 0.6 ** (np.abs(np.subtract.outer(np.arange(ROWS), np.arange(ROWS))) / 4.0)
     covariance = 0.05**2 * (0.8 * np.eye(2 * ROWS) + 0.7 * np.kron(np.eye(2), between))
     assert float(one.filtered().log_likelihood) == pytest.approx(of_dense(fit, one, covariance), rel=1e-8)
@@ -112,7 +127,7 @@ def test_the_filter_follows_the_thinned_covariance(monkeypatch, autocorrelated):
     """Slow readings beside faces with noise: thinned, their noise enters as that of its mean between two readings."""
     case, fit = fitted(monkeypatch, every=4, face_std=0.1)
     noise = fit.noise_shape.covariance_of(0.8, autocorrelated, 0.6)
-    one = filter_model(case, replace(fit, noise=noise))
+    one = filter_model(case, entire_record(case), replace(fit, noise=noise))
     covariance = np.zeros((2, ROWS, 2, ROWS))
     covariance[:, ::4, :, ::4] = noise.covariance.reshape(2, ROWS // 4, 2, ROWS // 4)
     dense = of_dense(fit, one, covariance.reshape(2 * ROWS, 2 * ROWS))
@@ -126,7 +141,7 @@ def test_the_smoothed_heat_is_the_conditional_mean(monkeypatch):
     readings = readings_at(case, fit)
     by_heat = disturbance.std**2 * readings.covariance(HEAT_PROFILES[0], 7200.0, "matern-1/2", ROWS, 1)
     fit = replace(fit, noise=fit.noise_shape.covariance_of(1.0, 0.0, 0.8, by_heat), disturbance=disturbance)
-    course, std = filter_model(case, fit).smoothed_heat()
+    course, std = filter_model(case, entire_record(case), fit).smoothed_heat()
     assert course.shape == std.shape == (ROWS,)
     assert np.all(std < 2.0 * np.sqrt(2.0) + 1e-9) and std.min() < 1.5
     step = readings.step_of(HEAT_PROFILES[0], 2.0, 7200.0, "matern-1/2")
@@ -142,7 +157,7 @@ def test_the_smoothed_heat_is_the_conditional_mean(monkeypatch):
         P = np.asarray(step.transition) @ P @ np.asarray(step.transition).T + np.asarray(step.noise)
     to_readings = np.einsum("isjt,ot->isoj", joint, np.asarray(step.C))[:, n - 1].reshape(ROWS, -1) / readings.unit_rate
     to_readings = to_readings + 2.0**2 * readings.of_constant_heat(HEAT_PROFILES[0], ROWS).T.reshape(-1)
-    one = filter_model(case, fit)
+    one = filter_model(case, entire_record(case), fit)
     J = np.asarray(predicted_jacobian(fit.problem, fit.minimum.vector))[:, :, fit.estimated_indices]
     J = J.transpose(1, 0, 2).reshape(-1, J.shape[2])
     prior = np.ones(J.shape[1])

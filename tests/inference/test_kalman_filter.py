@@ -178,3 +178,15 @@ def test_the_likelihood_has_derivatives():
     by_difference = (log_likelihood(jnp.asarray(step)) - log_likelihood(jnp.asarray(-step))) / (2 * step)
     assert float(jax.jacfwd(log_likelihood)(jnp.asarray(0.0))) == pytest.approx(float(by_difference), rel=1e-6)
     assert float(jax.grad(log_likelihood)(jnp.asarray(0.0))) == pytest.approx(float(by_difference), rel=1e-6)
+
+
+@hypothesis.given(st.integers(0, 10**6), st.floats(-5.0, 5.0))
+@hypothesis.settings(max_examples=20, deadline=None)
+def test_the_innovation_has_the_sign_of_the_reading_minus_its_prediction(seed, above):
+    """Of one output it is that difference over its standard deviation."""
+    model = random_model(seed, outputs=1)
+    H, S = np.asarray(model.outputs)[0], np.asarray(model.initial_root)
+    std = np.sqrt(H @ S @ S.T @ H + np.asarray(model.output_std)[0] ** 2)
+    reading = np.array([[H @ np.asarray(model.initial_mean) + above * std]])
+    found = kalman_filter(model, reading, np.ones((1, 1), bool))
+    assert float(found.innovation[0, 0]) == pytest.approx(above, abs=1e-9)

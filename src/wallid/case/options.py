@@ -46,8 +46,8 @@ class Choices:
             computed with the noise estimated from the residual. None gives "estimated".
         disturbance: heat that the model does not know, as a random process in a part of the wall. "none"; "auto": it is
             used where the record has evidence for it; "on": it is always used. Its size, time constant and place are
-            estimated, and the interval contains their uncertainty. None gives "auto" for a record with a heat flux
-            and no choice of `noise`, else "none".
+            estimated, and the interval contains their uncertainty. It needs noise that is estimated. None gives "auto"
+            for a record with a heat flux and no choice of `noise`, else "none".
         free: parameters of the wall that are estimated in addition to the diffusivity: "layers" (the conductivity of
             each layer relative to that of the first), "film_left", "film_right" (the surface resistance, where the
             column of that face is the air temperature), "materials" (conductivity and heat capacity of each material of
@@ -82,6 +82,11 @@ class Choices:
             one_of("noise", self.noise, ("estimated", "stated", "robust"))
         if self.disturbance is not None:
             one_of("disturbance", self.disturbance, ("none", "auto", "on"))
+        if self.noise in ("stated", "robust") and self.disturbance in ("auto", "on"):
+            raise InputError(
+                f'noise = "{self.noise}" and disturbance = "{self.disturbance}": a disturbance is found beside noise '
+                "whose size is estimated; state only one of them"
+            )
         free = (self.free,) if isinstance(self.free, str) else tuple(self.free)
         for part in free:
             one_of("free", part, FREE_PARAMETERS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -60,9 +61,11 @@ def row_at(record: Record, option: str, time: str | float | int, *, beyond: int 
     """
     if isinstance(record.stamps[0], np.datetime64):
         try:
-            seconds = float((np.datetime64(str(time).removesuffix("Z")) - record.stamps[0]) / np.timedelta64(1, "s"))
+            moment = datetime.fromisoformat(str(time))
         except ValueError:
             raise InputError(f"{option} {time}: it must be a time such as {record.stamp(0)}") from None
+        local = moment if moment.tzinfo is None else _local_time(moment, record, option)
+        seconds = float((np.datetime64(local.replace(tzinfo=None)) - record.stamps[0]) / np.timedelta64(1, "s"))
     else:
         try:
             seconds = float(time) - float(record.stamps[0])
@@ -73,6 +76,16 @@ def row_at(record: Record, option: str, time: str | float | int, *, beyond: int 
     if not 0 < row <= last:
         raise InputError(f"{option} {time}: it must lie between {record.stamp(1)} and {record.stamp(last)}")
     return row
+
+
+def _local_time(moment: datetime, record: Record, option: str) -> datetime:
+    """A time with an offset from UTC, in the zone of the record."""
+    if record.zone is None:
+        raise InputError(
+            f"{option} {moment.isoformat()}: the times of the record have no zone; state one such as {record.stamp(0)}"
+        )
+    zone = datetime.fromisoformat(f"2000-01-01T00:00{record.zone}").tzinfo
+    return moment.astimezone(zone)
 
 
 def as_window(window: Window | HasBestWindow) -> Window:

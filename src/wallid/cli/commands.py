@@ -413,7 +413,8 @@ def forecast(
     """Forecast the readings of all sensors and plates after a time, with their standard deviations.
 
     The wall, the noise and heat that no column explains are estimated from the readings before. `forecast.csv` has a
-    mean and a standard deviation (`NAME_std`) for each sensor and plate, row by row.
+    mean and a standard deviation (`NAME_std`) for each sensor and plate, row by row. Exit status 1: of the earlier
+    predictions too few lie in their bands.
     """
     run_forecast(case, start, hours, days, faces, out, json, quiet, formats)
 

@@ -139,7 +139,7 @@ def run_forecast(
         out, json, quiet, formats: the options with these names.
 
     Raises:
-        typer.Exit: status 2 for invalid input.
+        typer.Exit: status 1 where earlier predictions missed their bands, 2 for invalid input.
     """
     from ..estimation.forecasting import forecast
     from ..report import writer as report
@@ -163,6 +163,8 @@ def run_forecast(
     except InputError as error:
         exit_with_error(error)
     _print_result(result, written, json, quiet)
+    if result.unreliable_reason:
+        raise typer.Exit(1)
 
 
 def run_section(

@@ -198,18 +198,33 @@ class DiagnosisProblem:
             bins: of the readings; None for those of the diagnosis.
         """
         bins = self.bins if bins is None else bins
-        positions = parameters.of_kind(SensorPositions.kind, FacePositions.kind)
-        stated = parameters.with_values(dict.fromkeys(positions, 0.0))
-        response = face_impulse_response(self.model, stated)
+        response, bending = self.responses_to_face_errors(parameters)
         face_noise, errors = face_noise_of_model(self.case)
-        bending = binned_errors(self.bending_of_faces(stated), bins) if fluxes_of(self.case) else None
+        binned = None if bending is None else binned_errors(bending, bins)
         return noise_shape_of_record(
-            self.record, response, bins, self.spacing, self.noise_stds, face_noise, errors, bending
+            self.record, response, bins, self.spacing, self.noise_stds, face_noise, errors, binned
         )
 
-    def bending_of_faces(self, parameters: Parameters) -> Float[np.ndarray, "error time instrument"]:
-        """The effect of how the faces bend between their rows on the readings beside plates."""
-        return face_change_response(self.model, parameters, self._bent_faces)
+    def responses_to_face_errors(
+        self, parameters: Parameters
+    ) -> tuple[Float[np.ndarray, "face row instrument"], Float[np.ndarray, "error time instrument"] | None]:
+        """The response of the readings to errors of the faces, at the stated positions.
+
+        Returns:
+            the response to an error of 1 K in one reading; and to how the faces bend between their rows, None without
+            plates.
+        """
+        positions = parameters.of_kind(SensorPositions.kind, FacePositions.kind)
+        return self.responses_at(parameters.with_values(dict.fromkeys(positions, 0.0)))
+
+    def responses_at(
+        self, parameters: Parameters
+    ) -> tuple[Float[np.ndarray, "face row instrument"], Float[np.ndarray, "error time instrument"] | None]:
+        """The same at the positions of some parameters."""
+        impulse = face_impulse_response(self.model, parameters)
+        if not fluxes_of(self.case):
+            return impulse, None
+        return impulse, face_change_response(self.model, parameters, self._bent_faces)
 
     @cached_property
     def _bent_faces(self) -> Float[np.ndarray, "change interval power face"]:

@@ -17,6 +17,7 @@ from ..inference.disturbance_covariance import DisturbedReadings, disturbed_read
 from ..inference.disturbance_search import Disturbance, RestrictedLikelihood, find_disturbance, search_bins
 from ..inference.filter_model import FittedReadings, filter_model_of
 from ..inference.noise_covariance import BinnedReadings
+from ..inference.noise_of_record import courses_of_face_errors
 from ..models.flux_plates import face_noise_of_model, with_filtered_faces, with_flux
 from ..models.window_inputs import window_data
 from .effect_fit import EffectFit, refit
@@ -108,10 +109,12 @@ class UnexplainedHeat:
         prior_std = np.ones(len(self._unit))
         prior_std[0] = _WIDE
         face_noise, face_errors = face_noise_of_model(problem.case)
+        response, bending = problem.responses_to_face_errors(parameters)
         white, autocorrelated = self.disturbance.noise_variances
         correlation = self.disturbance.noise_memory.correlation
         fitted = FittedReadings(
             sensor_std=problem.noise_stds,
+            face_courses=courses_of_face_errors(problem.record, response, face_errors, bending),
             face_noise=face_noise.limited(white, autocorrelated, correlation),
             face_errors=face_errors.autocovariance,
             spacing=problem.spacing,

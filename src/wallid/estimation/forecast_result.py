@@ -21,6 +21,9 @@ from ..records.row_times import RecordStart
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+_TESTED_HOURS = 6.0  # ahead: predictions further ahead are too few and too dependent to judge by
+_FEWEST_INSIDE = 0.8  # of earlier predictions in their 95 % band
+
 
 @dataclass(frozen=True)
 class StepErrors(ResultObject):
@@ -50,7 +53,7 @@ class Forecast(ResultObject):
         names: of the outputs: the sensors, then `flux_left` and `flux_right`.
         mean, std: of the readings, degC, K and W/m2, `(time, output)`; the noise of a reading is part of `std`.
         measured: readings of the whole window, NaN where there is none, `(time, output)`.
-        faces: "record" or "persistence".
+        logged: rows of the forecast whose faces are those of the record; the others are as on the day before.
         disturbance: found in the readings before; None where there is none.
         step_errors: how well the readings before were predicted, for some hours ahead.
     """
@@ -62,9 +65,27 @@ class Forecast(ResultObject):
     mean: np.ndarray = field(repr=False)
     std: np.ndarray = field(repr=False)
     measured: np.ndarray = field(repr=False)
-    faces: str
+    logged: int
     disturbance: Disturbance | None
     step_errors: tuple[StepErrors, ...]
+
+    @property
+    def faces(self) -> str:
+        """ "record", or "persistence" where the faces of the last rows are as on the day before."""
+        return "record" if self.logged == len(self.mean) else "persistence"
+
+    @property
+    def unreliable_reason(self) -> str:
+        """Why the bands are not to be relied on, by the readings before; empty where nothing speaks against them."""
+        for one in self.step_errors:
+            shares = np.array(one.coverage)
+            if one.hours <= _TESTED_HOURS and np.any(shares < _FEWEST_INSIDE):
+                worst = int(np.nanargmin(shares))
+                return (
+                    f"of the earlier predictions {one.hours:g} h ahead only {shares[worst]:.0%} of {self.names[worst]} "
+                    f"lie in their 95 % band; run wallid diagnose to search for what the model misses"
+                )
+        return ""
 
     @property
     def hours(self) -> float:
@@ -94,6 +115,16 @@ class Forecast(ResultObject):
         counts = np.isfinite(measured).sum(axis=0)
         return tuple(float(w.sum() / c) if c else math.nan for w, c in zip(within.T, counts, strict=True))
 
+    @property
+    def faces_text(self) -> str:
+        """Where the faces are from, in words."""
+        if self.faces == "record":
+            return "the faces as in the record"
+        if self.logged == 0:
+            return "the faces as on the day before"
+        end = self.case.record.stamp(self.window.row + self.first + self.logged - 1)
+        return f"the faces as in the record until {end}, then as on the day before"
+
     def last(self, output: int) -> str:
         """The last value of an output with its standard deviation, as text."""
         return value_and_std(float(self.mean[-1, output]), float(self.std[-1, output]), self.units[output])
@@ -104,6 +135,8 @@ class Forecast(ResultObject):
             "start": self.start,
             "hours": self.hours,
             "faces": self.faces,
+            "reliable": not self.unreliable_reason,
+            "reason": self.unreliable_reason,
             "training_days": self.first * self.case.record.step / DAY,
             "outputs": {
                 name: {
@@ -140,11 +173,12 @@ class Forecast(ResultObject):
 
     def summary(self) -> str:
         """The forecast of each output at its end, and how well earlier readings were predicted, as text."""
-        how = "the record" if self.faces == "record" else "the day before"
         lines = [
-            f"forecast     {self.hours:.3g} h from {self.start}, the faces as in {how}, "
+            f"forecast     {self.hours:.3g} h from {self.start}, {self.faces_text}, "
             f"from {self.first * self.case.record.step / DAY:.3g} days of readings"
         ]
+        if self.unreliable_reason:
+            lines.append(f"unreliable   {self.unreliable_reason}")
         for k, name in enumerate(self.names):
             known = f"; {self.inside[k]:.0%} of its readings lie in the 95 % band" if self.inside[k] >= 0 else ""
             lines.append(f"  {name:<11} {self.last(k)} at the end{known}")

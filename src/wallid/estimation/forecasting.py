@@ -7,8 +7,7 @@ noise that has a memory, and of every parameter to that time, and from there on 
 
 with `M_t` the fit's prediction for the faces, and `r` the variance of a reading's white noise. A few days of readings
 say little of the place, size and memory of a disturbance: the forecast is the average over those that are probable. The
-faces are those of the record, or go on as a day before from their last reading (persistence). The error of persistence
-is that which it would have had on the earlier days, through the wall.
+faces are those of the record, or go on as a day before from their last reading (`persistence`).
 """
 
 from __future__ import annotations
@@ -20,10 +19,10 @@ import numpy as np
 
 from .._internal.errors import InputError
 from .._internal.progress import Progress, shown_progress
-from .._internal.validation import one_of
+from .._internal.validation import number, one_of
 from ..case.case_definition import Case
 from ..case.time_window import Window, check_unbroken, row_at
-from ..inference.filter_model import FilterModel, alternative_filter_models
+from ..inference.filter_model import FilterModel, alternative_filter_models, response_at_rows
 from ..inference.generalised_least_squares import fit_generalised_least_squares
 from ..inference.kalman_filter import Filtered, forecast_states
 from ..inference.quantity import NORMAL_95
@@ -37,7 +36,8 @@ TRAINING_DAYS = 7.0
 """Days before the forecast from which the wall is estimated."""
 HORIZONS = (1.0, 6.0, 24.0)
 """Hours ahead, at which predictions of the readings already taken are tested."""
-_FEWEST_ROWS = 24  # to estimate from
+_FEWEST_ROWS = 24  # to estimate from, and readings in them
+_MOST_HOURS = 8760.0
 
 
 def forecast(
@@ -52,7 +52,7 @@ def forecast(
     """Forecast the readings of all sensors and plates after a time.
 
     Args:
-        case: the case; with `disturbance` None a disturbance is used where the record has evidence for it.
+        case: the case; with `disturbance` and `noise` None a disturbance is used where the record has evidence for it.
         start: time of the first row of the forecast, as in the record: ISO 8601, or s where it has seconds.
         hours: length of the forecast.
         days: of readings before it, from which the wall is estimated; fewer where the record has fewer.
@@ -60,20 +60,22 @@ def forecast(
         progress: called as `progress(text, share)`; None for a bar in a notebook, and nothing elsewhere.
 
     Raises:
-        InputError: a time outside the record, or too few readings before it.
+        InputError: a time outside the record, too few rows or readings before it, or less than three days of faces
+            before persistence.
 
     Source: J. Durbin, S. J. Koopman, Time Series Analysis by State Space Methods (2012), 4.11.
     """
     one_of("faces", faces, ("record", "persistence"))
-    if not hours > 0:
-        raise InputError(f"hours = {hours}; it must be above 0")
-    if case.choices.disturbance is None:
+    hours = number("hours", hours, "h", above=0.0, maximum=_MOST_HOURS)
+    days = number("days", days, "days", above=0.0)
+    if case.choices.disturbance is None and case.choices.noise in (None, "estimated"):
         case = replace(case, choices=replace(case.choices, disturbance="auto"))
     record = case.record
     first = row_at(record, "--from", start, beyond=1)
     begin = _first_row(record, first, days)
     rows = max(1, round(hours * 3600.0 / record.step))
-    case, persistent = with_persistent_faces(case, begin, first, rows, faces)
+    _check_readings(case, begin, first)
+    case, logged = with_persistent_faces(case, first, rows, faces)
     window = Window(begin, first - begin + rows)
     check_unbroken(case, window)
     with shown_progress(progress) as report:
@@ -81,14 +83,17 @@ def forecast(
         data, trained = window_data(case, window), first - begin
         model = full_order_model_with_plates(case)
         prior, eta = case.wall.diffusivity_prior, case.choices.eta
-        fit = fit_generalised_least_squares(case, window, data, model, prior, eta=eta, rows_used=trained)
+        fit = fit_generalised_least_squares(
+            case, window, data, model, prior, eta=eta, rows_used=trained, other_rows_binned=False
+        )
         report("forecast: filter", 0.7)
-        alternatives = alternative_filter_models(case, fit)
+        alternatives = alternative_filter_models(case, window, fit)
         each = [(share, states, states.filtered(trained)) for share, states in alternatives]
         mean, variance = _averaged([(share, *_after(states, filtered)) for share, states, filtered in each])
         mean, std = np.asarray(fit.minimum.predicted)[trained:] + mean, np.sqrt(variance)
-        if persistent < rows:
-            std = np.hypot(std, error_of_persistence(case, fit, begin, first, rows, persistent))
+        if logged < rows:
+            response = response_at_rows(case, fit, rows)
+            std = np.hypot(std, error_of_persistence(case.record, response, first, rows, logged))
         report("forecast: errors of earlier predictions", 0.9)
         errors = step_errors(each, record.step)
     plates = fluxes_of(case)
@@ -100,7 +105,7 @@ def forecast(
         mean=mean,
         std=std,
         measured=_measured(case, window),
-        faces="record" if persistent == rows else "persistence",
+        logged=logged,
         disturbance=fit.disturbance,
         step_errors=errors,
     )
@@ -112,11 +117,22 @@ def _first_row(record: Record, first: int, days: float) -> int:
     broken = np.flatnonzero(record.broken[begin:first])
     begin += 0 if not len(broken) else int(broken[-1]) + 1
     if first - begin < _FEWEST_ROWS:
+        limited = f" in days = {days:g}" if record.rows_in_days(days) < _FEWEST_ROWS else ""
         raise InputError(
-            f"--from {record.stamp(first)}: there are {first - begin} rows before it without a break; a forecast needs "
-            f"at least {_FEWEST_ROWS}"
+            f"--from {record.stamp(first)}: there are {first - begin} rows before it without a break{limited}; a "
+            f"forecast needs at least {_FEWEST_ROWS}"
         )
     return begin
+
+
+def _check_readings(case: Case, begin: int, first: int) -> None:
+    """Check that there are readings to estimate from."""
+    count = int(np.isfinite(_measured(case, Window(begin, first - begin))).sum())
+    if count < _FEWEST_ROWS:
+        raise InputError(
+            f"--from {case.record.stamp(first)}: there are {count} readings of sensors and plates in the "
+            f"{first - begin} rows before it; a forecast needs at least {_FEWEST_ROWS}"
+        )
 
 
 def _measured(case: Case, window: Window) -> np.ndarray:

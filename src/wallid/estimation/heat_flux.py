@@ -13,11 +13,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-import equinox as eqx
-import jax
 import numpy as np
 import scipy
-from jaxtyping import Array, Float
 
 from .._internal.html import html_table, interval_row
 from .._internal.result_object import ResultObject, plain_value
@@ -27,7 +24,7 @@ from ..case.time_window import Window, entire_record
 from ..case.wall_and_sensors import SIDES
 from ..inference.generalised_least_squares import fit_generalised_least_squares
 from ..inference.gls_fit import GLSFit
-from ..inference.likelihood import LOG_CONDUCTIVITY, PLATE_GAIN, LikelihoodProblem
+from ..inference.likelihood import LOG_CONDUCTIVITY, PLATE_GAIN, predicted_jacobian
 from ..inference.nuisance_kinds import ContactResistances, contact_lengths
 from ..inference.parameters import kind_of, target_of
 from ..inference.physical_bounds import PHYSICAL_BOUNDS
@@ -354,7 +351,7 @@ def _second_half_prediction(case: Case, window: Window, fit: GLSFit) -> HeldOutF
     early = fit_generalised_least_squares(
         case, window, data, model, fit.diffusivity, eta=1e-6, rows_used=half, kinds=fit.kinds
     )
-    J = np.asarray(_jacobian_at_rows(early.problem, early.minimum.vector))
+    J = np.asarray(predicted_jacobian(early.problem, early.minimum.vector))
     data, present = fit.problem.data, present[half:]
     residual = np.asarray(data.observed - early.minimum.predicted)[half:, -plates:]
     noise = early.robust or early.noise
@@ -372,9 +369,3 @@ def _second_half_prediction(case: Case, window: Window, fit: GLSFit) -> HeldOutF
         hours=half * case.record.step / 3600.0,
         readings=int(present.sum()),
     )
-
-
-@eqx.filter_jit
-def _jacobian_at_rows(problem: LikelihoodProblem, y: Float[Array, " param"]) -> Float[Array, "time output param"]:
-    """The derivatives of the predicted readings at the rows."""
-    return jax.jacfwd(problem.predicted)(y)

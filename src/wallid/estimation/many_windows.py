@@ -184,8 +184,9 @@ def campaign(
 ) -> CampaignEstimate:
     """Estimate one diffusivity from all windows of a record.
 
-    All windows have the same length and use the full-order model, so one compilation serves them all. The pooled value
-    is the GLS mean of ln(alpha) over the informative windows, see `PooledMean`.
+    All windows have the same length and use the full-order model, so one compilation serves them all. Contact
+    resistances at plates are estimated in all windows where one of them shows some. The pooled value is the GLS mean of
+    ln(alpha) over the informative windows, see `PooledMean`.
 
     Args:
         window_days: window length, days; None for the one in the case's `[choices]`.
@@ -221,6 +222,11 @@ def campaign(
         for k, window in enumerate(windows):
             report(f"estimate: window {k + 1} of {len(windows)}", k / len(windows))
             results.append(estimate_by_gls(case, window, system, prior, eta) if _has_reading(case, window) else None)
+        contacts = [one is not None and bool(one[1].contacts) for one in results]
+        for k, window in enumerate(windows):
+            if any(contacts) and not contacts[k] and results[k] is not None:  # the same wall in all windows
+                report(f"estimate: window {k + 1} of {len(windows)} with contact resistances", 0.99)
+                results[k] = estimate_by_gls(case, window, system, prior, eta, contacts=True)
         return _pool(case, windows, results)
 
 

@@ -1,4 +1,11 @@
-"""Persistence: faces that go on as on the day before, and the error that this would have had on earlier days."""
+"""Persistence: faces that go on as on the day before, and the error that this would have had on earlier days.
+
+From the last row n that was logged, with N rows a day, the faces go on as
+
+    f(n + j) = f(n + j - k N) + f(n) - f(n - N),      k = ceil(j / N)
+
+Its error is that which the same rule has from each earlier row on, through the wall.
+"""
 
 from __future__ import annotations
 
@@ -6,37 +13,50 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 
 from .._internal.errors import InputError
 from ..case.case_definition import Case
-from ..inference.gls_fit import GLSFit
+from ..records.uniform_record import Record
+
+_FEWEST_DAYS = 3  # before the last row: a day to go on from, and a day of rows from which a day ahead is known
+_STARTS = 24  # of earlier persistent courses, in each day
 
 
-def with_persistent_faces(case: Case, begin: int, first: int, rows: int, faces: str) -> tuple[Case, int]:
-    """The case with faces for all rows, and the number of rows whose faces are the record's own."""
+def with_persistent_faces(case: Case, first: int, rows: int, faces: str) -> tuple[Case, int]:
+    """The case with faces for all rows of a forecast, and the number of them whose faces are the record's own.
+
+    Args:
+        first, rows: of the forecast.
+        faces: "record" or "persistence".
+
+    Raises:
+        InputError: faces are to go on, and there are less than three days before without a break.
+    """
     record = case.record
     known = 0 if faces == "persistence" else max(0, min(rows, record.rows - first))
     if known == rows:
         return case, rows
-    day = record.rows_in_days(1.0)
-    if first + known - begin < day:
+    day, last = record.rows_in_days(1.0), first + known - 1
+    if last - _first_unbroken(record, last) < _FEWEST_DAYS * day:
         raise InputError(
-            f"the faces after {record.stamp(min(first + known, record.rows))} are taken from the day before, and the "
-            "record has less than a day before it"
+            f"the faces after {record.stamp(last)} are taken from the day before, with the error that this had on "
+            f"earlier days; the record has less than {_FEWEST_DAYS} days before it without a break"
         )
     total = max(record.rows, first + rows)
     more = total - record.rows
 
-    def longer(values: np.ndarray) -> np.ndarray:
-        return np.concatenate([values, np.full((more, *values.shape[1:]), np.nan)])
+    def longer(values: np.ndarray, missing: float = np.nan) -> np.ndarray:
+        return np.concatenate([values, np.full((more, *values.shape[1:]), missing)])
 
     both = longer(np.asarray(record.faces, float))
-    last = first + known - 1
-    moved = both[last] - both[last - day]  # so that the course goes on from the last reading
+    moved = both[last] - both[last - day]
     for row in range(last + 1, first + rows):
         both[row] = both[row - day * math.ceil((row - last) / day)] + moved
-    fill = None if record.fill_std is None else np.nan_to_num(longer(np.asarray(record.fill_std)))
+    fill = None if record.fill_std is None else longer(np.asarray(record.fill_std), 0.0)
+    if fill is not None:
+        fill[last + 1 : first + rows] = 0.0  # the error of persistence is another
     stamps = np.asarray(record.stamps)
     step = np.timedelta64(round(record.step * 1e9), "ns") if isinstance(stamps[0], np.datetime64) else record.step
     later = replace(
@@ -52,21 +72,44 @@ def with_persistent_faces(case: Case, begin: int, first: int, rows: int, faces: 
 
 
 def error_of_persistence(
-    case: Case, fit: GLSFit, begin: int, first: int, rows: int, known: int
+    record: Record, response: Float[np.ndarray, "face row output"], first: int, rows: int, known: int
 ) -> Float[np.ndarray, "time output"]:
-    """Root mean square of the responses to the errors that persistence would have had on earlier days."""
-    day, faces = case.record.rows_in_days(1.0), np.asarray(case.record.faces)[begin : first + known]
-    differences = faces[day:] - faces[:-day]
-    length = rows - known
-    response = fit.noise_shape.response[:, :length]  # (face, row, output)
-    total, count = np.zeros((length, response.shape[2])), 0
-    for start in range(1, max(2, len(differences) - length + 1), max(1, day // 4)):
-        course = differences[start : start + length] - differences[start - 1]
-        course = np.pad(course, ((0, length - len(course)), (0, 0)), mode="edge")
-        total, count = total + sum(_convolved(course[:, side], response[side]) for side in (0, 1)) ** 2, count + 1
-    return np.concatenate([np.zeros((known, total.shape[1])), np.sqrt(total / count)])
+    """Root mean square of the readings' responses to the errors that persistence had on earlier days.
+
+    Ahead of where earlier rows show it, the error of a random walk is taken: it grows with the root of the time.
+
+    Args:
+        record: the faces.
+        response: of the readings at the rows to 1 K more at one row of one face.
+        first, rows: of the forecast.
+        known: rows of it whose faces were logged.
+    """
+    day, last, length = record.rows_in_days(1.0), first + known - 1, rows - known
+    faces = np.asarray(record.faces)[_first_unbroken(record, last) : last + 1]
+    total, count = np.zeros((length, response.shape[2])), np.zeros(length)
+    for start in range(day, len(faces) - 1, max(1, day // _STARTS)):
+        course = _errors_from(faces, start, day)[:length]
+        effect = sum(
+            scipy.signal.fftconvolve(course[:, side, None], response[side, : len(course)], axes=0)[: len(course)]
+            for side in (0, 1)
+        )
+        total[: len(course)] += np.asarray(effect) ** 2
+        count[: len(course)] += 1
+    seen = min(length, max(1, len(faces) - 2 * day))  # from as many rows as a day has
+    rms = np.sqrt(total[:seen] / count[:seen, None])
+    ahead = np.arange(seen + 1, length + 1)
+    rms = np.concatenate([rms, rms[-1] * np.sqrt(ahead / seen)[:, None]])
+    return np.concatenate([np.zeros((known, rms.shape[1])), rms])
 
 
-def _convolved(course: np.ndarray, response: np.ndarray) -> np.ndarray:
-    """The response to a course, `(time, output)`."""
-    return np.stack([np.convolve(course, one)[: len(course)] for one in response.T], axis=1)
+def _errors_from(faces: Float[np.ndarray, "time face"], start: int, day: int) -> Float[np.ndarray, "later face"]:
+    """What the faces did after a row minus what persistence says from there on."""
+    ahead = np.arange(1, len(faces) - start)
+    before = start + ahead - day * np.ceil(ahead / day).astype(int)
+    return faces[start + ahead] - faces[before] - (faces[start] - faces[start - day])
+
+
+def _first_unbroken(record: Record, last: int) -> int:
+    """The first of the rows up to one without a break."""
+    broken = np.flatnonzero(record.broken[: last + 1])
+    return int(broken[-1]) + 1 if len(broken) else 0

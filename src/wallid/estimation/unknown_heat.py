@@ -1,11 +1,12 @@
 """The course of heat that the model does not know: when, how large, and which logged column it follows.
 
 A Kalman smoother gives the disturbance of an estimate given all readings. Its correlation with each logged column is
-searched over lags. The p-value knows that search: the same largest correlation is taken of surrogates, which have the
-spectrum of the course and random phases.
+searched over lags. The p-value knows that search: the same largest correlation is taken of surrogates. They are the
+course with random signs of its cosine coefficients. These are nearly independent for a stationary process and for a
+random walk, so the p-value holds for heat with a memory as long as the record too.
 
-Source: J. Theiler and others, Physica D 58 (1992), 77; J. Durbin, S. J. Koopman, Time Series Analysis by State Space
-Methods (2012), 4.4.
+Source: A. Winkler and others, NeuroImage 92 (2014), 381 (sign flips); J. Durbin, S. J. Koopman, Time Series Analysis by
+State Space Methods (2012), 4.4.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 
 from .._internal.errors import InputError
@@ -108,7 +110,7 @@ class UnknownHeat(ResultObject):
 
     @property
     def warm_hours(self) -> tuple[float, float] | None:
-        """From when to when the mean day is above half of its largest value; None without a day that stands out."""
+        """From when to when the mean day is in the upper half of its range; None without a day that stands out."""
         hours, heat = self.mean_day
         if not len(hours) or np.ptp(heat) < float(np.median(self.std)):
             return None
@@ -167,16 +169,19 @@ def smoothed_disturbance(case: Case, window: Window | HasBestWindow | None = Non
         window: None for the whole record, or its longest unbroken part.
 
     Raises:
-        InputError: the window lies across a break of the record.
+        InputError: the window lies across a break of the record, or has too few readings.
     """
     window = entire_record(case) if window is None else as_window(window)
     check_unbroken(case, window)
-    case = replace(case, choices=replace(case.choices, disturbance="on"))
+    case = replace(case, choices=replace(case.choices, disturbance="on", noise=None))
     data, model = window_data(case, window), full_order_model_with_plates(case)
     fit = fit_generalised_least_squares(case, window, data, model, case.wall.diffusivity_prior, eta=case.choices.eta)
     if fit.disturbance is None:
-        raise InputError("smoothed_disturbance: the window has too few readings to find a disturbance in")
-    return unknown_heat_of(case, window, fit.disturbance, *filter_model(case, fit).smoothed_heat())
+        raise InputError(
+            "smoothed_disturbance: the readings do not determine a disturbance: they are too few, or do not depend on "
+            "the diffusivity; take a longer window"
+        )
+    return unknown_heat_of(case, window, fit.disturbance, *filter_model(case, window, fit).smoothed_heat())
 
 
 def unknown_heat_of(
@@ -250,13 +255,10 @@ def column_followed(
 
 
 def _surrogates(course: np.ndarray, seed: int) -> Float[np.ndarray, "time surrogate"]:
-    """Courses with the same spectrum and random phases, each of norm 1."""
-    rng = np.random.default_rng(seed)
-    taper = np.hanning(len(course) + 2)[1:-1]
-    amplitude = np.abs(np.fft.rfft(course * taper))
-    phases = np.exp(2j * np.pi * rng.random((len(amplitude), SURROGATES)))
-    drawn = np.fft.irfft(amplitude[:, None] * phases, n=len(course), axis=0)
-    drawn = drawn - drawn.mean(axis=0)
+    """Courses of norm 1 with the same cosine coefficients, each with a random sign."""
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (len(course), SURROGATES))
+    coefficients = scipy.fft.dct(course, norm="ortho")
+    drawn = scipy.fft.idct(coefficients[:, None] * signs, axis=0, norm="ortho")
     return drawn / np.linalg.norm(drawn, axis=0)
 
 

@@ -75,7 +75,8 @@ class Disturbance(ResultObject):
         profile: where the heat is released.
         std: standard deviation of the heat, in `unit`: W/m2, or K/day where the record has no flux.
         time_constant: s. smoothness: of the process.
-        evidence: -2 log L without it minus -2 log L with it, at the best size and time constant of each.
+        evidence: -2 log L without it minus -2 log L with it at its best place, size and time constant, less what its
+            priors take.
         noise_size: v, the noise's variance over the stated one. noise_memory: its shape.
         inflation: of each estimated parameter's standard error, by the uncertainty of place, size and time constant.
         posterior: the most probable places and time constants, each with its probability and its mean-square size.

@@ -7,8 +7,9 @@ The readings minus the fit's prediction are, in the states of the model,
 `x` are the wall's modes with the states of the disturbance (`models.disturbance`). `e` and `a` are the white and the
 autocorrelated part of the noise of the faces, which goes through the wall with straight lines between rows. `b` is the
 autocorrelated noise of the sensors, `v` their white noise. `beta` are the deviations of the estimated parameters from
-the fit, constant, with their priors; offsets, calibrations and the initial profile are among them. So is the mean of
-the disturbance. `c` are K or W/m2 for one unit of the model's outputs.
+the fit, constant, with their priors; offsets, calibrations and the initial profile are among them. So are the mean of
+the disturbance, and the errors that have one size over a gap of a face or over the window (`noise_of_record`). `c` are
+K or W/m2 for one unit of the model's outputs.
 
 Between its rows a face is in error by a process with a known autocovariance (`records.face_variation`). In the filter
 it is an autoregression of second order with the same variance and the same first two lags.
@@ -22,17 +23,21 @@ from dataclasses import dataclass, replace
 import jax.numpy as jnp
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from .._internal.arrays import on_device
 from ..case.case_definition import Case
+from ..case.initial_profile import scales
+from ..case.time_window import Window
 from ..models.disturbance import GaussianStep, MaternProcess, gaussian_step
-from ..models.flux_plates import face_noise_of_model
+from ..models.flux_plates import face_noise_of_model, full_order_model_with_plates
 from .disturbance_covariance import HEAT_PROFILES, DisturbedReadings, disturbed_readings
 from .disturbance_search import Disturbance
 from .gls_fit import GLSFit
 from .kalman_filter import Filtered, LinearGaussianModel, Smoothed, covariance_root, kalman_filter, kalman_smoother
-from .likelihood import LOG_CONDUCTIVITY, PLATE_GAIN, predicted_jacobian
+from .likelihood import LOG_CONDUCTIVITY, PLATE_GAIN, face_response, predicted_jacobian
 from .noise_covariance import variance_of_mean
+from .noise_of_record import courses_of_face_errors
 from .nuisance_kinds import ContactResistances, WallParameters, contact_lengths
 
 _UNKNOWN_STD = 3.0  # of ln(alpha), which has no prior
@@ -91,6 +96,8 @@ class FittedReadings:
 
     Args:
         sensor_std: stated standard deviations of the noise of the readings.
+        face_courses: effect of one standard deviation of each gap's interpolation, and of how the faces bend between
+            their rows (`courses_of_face_errors`), `(time, output, error)`.
         face_noise: as from `FaceNoise.limited` at the noise found, K2, `(face, lag)`.
         face_errors: autocovariance of what each face does between its rows, K2, `(face, lag)`.
         spacing: in rows, from one row with readings to the next.
@@ -104,6 +111,7 @@ class FittedReadings:
     """
 
     sensor_std: np.ndarray
+    face_courses: np.ndarray
     face_noise: np.ndarray
     face_errors: np.ndarray
     spacing: int
@@ -123,38 +131,41 @@ class FittedReadings:
         return replace(self, disturbance=disturbance, white=white, autocorrelated=autocorrelated)
 
 
-def filter_model(case: Case, fit: GLSFit) -> FilterModel:
+def filter_model(case: Case, window: Window, fit: GLSFit) -> FilterModel:
     """The filter's model of the window of a fit.
 
     Args:
-        case: of the fit.
+        case, window: of the fit.
         fit: its noise, the errors of the faces, its disturbance and the priors of its parameters are the model's.
     """
-    return filter_model_of(fitted_readings(case, fit), readings_at(case, fit))
+    return filter_model_of(fitted_readings(case, window, fit), readings_at(case, fit))
 
 
-def alternative_filter_models(case: Case, fit: GLSFit) -> list[tuple[float, FilterModel]]:
+def alternative_filter_models(case: Case, window: Window, fit: GLSFit) -> list[tuple[float, FilterModel]]:
     """The filter's model for each probable disturbance of a fit, with its probability; one without a disturbance.
 
     Args:
-        case, fit: as for `filter_model`.
+        case, window, fit: as for `filter_model`.
     """
     if fit.disturbance is None:
-        return [(1.0, filter_model(case, fit))]
-    fitted, readings = fitted_readings(case, fit), readings_at(case, fit)
+        return [(1.0, filter_model(case, window, fit))]
+    fitted, readings = fitted_readings(case, window, fit), readings_at(case, fit)
     return [(share, filter_model_of(fitted.beside(one), readings)) for share, one in fit.disturbance.alternatives]
 
 
-def fitted_readings(case: Case, fit: GLSFit) -> FittedReadings:
+def fitted_readings(case: Case, window: Window, fit: GLSFit) -> FittedReadings:
     """The readings of a fit, with what was fitted."""
     data = fit.problem.data
     noise = fit.noise if fit.disturbance is not None else fit.robust or fit.noise  # robust noise holds the heat too
     prior_std, deviation = np.ones(len(fit.z)), fit.deviation.copy()
     prior_std[0], deviation[0] = _UNKNOWN_STD, 0.0
+    face_errors = face_noise_of_model(case)[1]
+    record = case.record.window(window.row, window.rows)
     return FittedReadings(
         sensor_std=fit.noise_shape.sensor_std,
+        face_courses=courses_of_face_errors(record, response_at_rows(case, fit, window.rows), face_errors),
         face_noise=fit.noise_shape.face_noise.limited(noise.white, noise.autocorrelated, noise.correlation),
-        face_errors=face_noise_of_model(case)[1].autocovariance,
+        face_errors=face_errors.autocovariance,
         spacing=fit.problem.bins.rows_per_bin // fit.noise_shape.rows_per_bin,
         white=noise.white,
         autocorrelated=noise.autocorrelated,
@@ -199,7 +210,10 @@ def filter_model_of(fitted: FittedReadings, readings: DisturbedReadings) -> Filt
     for side, autocovariance in enumerate(fitted.face_errors):
         if autocovariance[0] > 0:
             states.add_face_noise(math.sqrt(autocovariance[0]), _second_order(autocovariance), (side,))
-    columns, prior_std, mean = fitted.jacobian, fitted.prior_std, -fitted.deviation
+    errors = fitted.face_courses.shape[2]
+    columns = np.concatenate([fitted.jacobian, fitted.face_courses], axis=2)
+    prior_std = np.append(fitted.prior_std, np.ones(errors))
+    mean = np.append(-fitted.deviation, np.zeros(errors))
     if disturbance is not None:  # the mean of the heat, before the parameters
         mean_heat = disturbance.std * readings.of_constant_heat(disturbance.profile, len(present))
         columns = np.concatenate([mean_heat[:, :, None], columns], axis=2)
@@ -223,18 +237,40 @@ def filter_model_of(fitted: FittedReadings, readings: DisturbedReadings) -> Filt
 
 def readings_at(case: Case, fit: GLSFit) -> DisturbedReadings:
     """How heat changes the readings, by the full-order model at a fit."""
-    parameters, data, conductance, contacts = fit.parameters, fit.problem.data, 0.0, (0.0, 0.0)
-    if LOG_CONDUCTIVITY in parameters:
-        reference = float(fit.problem.nuisance.flux[0]) / float(data.temperature)
-        conductance = reference * math.exp(float(parameters[LOG_CONDUCTIVITY]))
-        names = parameters.of_kind(ContactResistances.kind)
-        contacts = contact_lengths(reference * case.wall.length, names, np.asarray(parameters.vector(names)))
-    names = parameters.of_kind(WallParameters.kind)
-    wall = np.asarray(parameters.vector(names)) / np.asarray(parameters.prior_std)[parameters.indices(names)]
+    parameters, (conductance, contacts) = fit.parameters, _conductance_and_contacts(case, fit)
     gains = np.asarray(parameters.vector(parameters.of_kind(PLATE_GAIN)))
     return disturbed_readings(
-        case, data, fit.diffusivity, conductance=conductance, contacts=contacts, wall=wall, gains=gains
-    )
+        case, fit.problem.data, fit.diffusivity,
+        conductance=conductance, contacts=contacts, wall=_wall_of(fit), gains=gains,
+    )  # fmt: skip
+
+
+def response_at_rows(case: Case, fit: GLSFit, rows: int) -> Float[np.ndarray, "face row output"]:
+    """The readings' response to 1 K more at one row of one face, at a fit, K or W/m2."""
+    system, (conductance, contacts) = fit.problem.system, _conductance_and_contacts(case, fit)
+    if any(contacts):
+        system = full_order_model_with_plates(case, _wall_of(fit), contacts=contacts)
+    fourier = on_device(scales(case).fourier_number(fit.diffusivity))
+    response = np.array(face_response(system, fourier, fit.problem.data.step, rows))
+    response[:, :, len(case.sensors) :] *= conductance
+    return response
+
+
+def _wall_of(fit: GLSFit) -> Float[np.ndarray, " param"]:
+    """The wall's own parameters, in prior standard deviations."""
+    parameters, names = fit.parameters, fit.parameters.of_kind(WallParameters.kind)
+    return np.asarray(parameters.vector(names)) / np.asarray(parameters.prior_std)[parameters.indices(names)]
+
+
+def _conductance_and_contacts(case: Case, fit: GLSFit) -> tuple[float, tuple[float, float]]:
+    """Conductivity over length, W/m2/K, 0 without plates; and each face's contact resistance as a length of wall, m."""
+    parameters = fit.parameters
+    if LOG_CONDUCTIVITY not in parameters:
+        return 0.0, (0.0, 0.0)
+    reference = float(fit.problem.nuisance.flux[0]) / float(fit.problem.data.temperature)
+    names = parameters.of_kind(ContactResistances.kind)
+    contacts = contact_lengths(reference * case.wall.length, names, np.asarray(parameters.vector(names)))
+    return reference * math.exp(float(parameters[LOG_CONDUCTIVITY])), contacts
 
 
 def _second_order(autocovariance: np.ndarray) -> list[float]:

@@ -53,7 +53,7 @@ def gains_by_heat(
         shape: of the noise; the readings of the two plates are its last.
         residual: measured minus predicted, of the binned readings, W/m2 of plates.
         gains: calibration errors of the left and the right plate. gain_std: of their priors.
-        rows: of the window. A mean over a bin stands for all rows of the bin.
+        rows: of the window. A mean over a bin stands for all rows of the bin; after the bins there is no known heat.
     """
     assert noise.disturbance is not None
     assert len(gains) == 2
@@ -64,7 +64,8 @@ def gains_by_heat(
     of_plates = (shape.sensor_count, shape.bin_count)
     course = flux.reshape(of_plates)[-2:] / (1.0 + gains)[:, None]
     trace = trace_of_readings.reshape(of_plates)[-2:].sum(axis=1) / (1.0 + gains)
-    left, right = np.repeat(course, shape.rows_per_bin, axis=1)[:, :rows]
+    by_row = np.repeat(course, shape.rows_per_bin, axis=1)[:, :rows]
+    left, right = np.pad(by_row, ((0, 0), (0, rows - by_row.shape[1])))
     one = 0.5 * np.stack([left, -right], axis=1)
     half = 0.5 * (trace[0] - trace[1])
     return GainsByHeat(np.stack([one, -one]), np.array([-half, half]) * gain_std)

@@ -70,7 +70,9 @@ def fit_generalised_least_squares(
     explicit_theta: bool = True,
     integrator: Integrator = "propagator",
     rows_used: int | None = None,
+    other_rows_binned: bool = True,
     kinds: Sequence[NuisanceKind] = NUISANCE_KINDS,
+    contacts: bool | None = None,
 ) -> GLSFit:
     """The estimate under the full covariance, by iterated generalised least squares.
 
@@ -82,22 +84,28 @@ def fit_generalised_least_squares(
         explicit_theta: whether the sensitivity comes from the explicit theta system, not from autodiff.
         integrator: how the rows are stepped through.
         rows_used: the number of rows whose readings are used, from the window's start; None for all.
+        other_rows_binned: whether the bins of the readings go on over the other rows, as those of the entire window do:
+            one compilation serves both. If not, the fit is the same for any number of other rows.
         kinds: of nuisance parameters.
+        contacts: whether contact resistances at plates are estimated; None: where the record shows one.
 
     Returns:
-        the fit of the last iteration. Contact resistances at plates are estimated only where the record shows one.
+        the fit of the last iteration.
     """
     data = _first_rows(with_filtered_faces(case, window, with_flux(case, window, data)), rows_used)
 
     def fit_with(kinds: Sequence[NuisanceKind], first: float) -> GLSFit:
-        return _IteratedGLS(case, window, data, kinds, eta, explicit_theta, integrator).fit(system, first)
+        binned = None if other_rows_binned else rows_used
+        return _IteratedGLS(case, window, data, kinds, eta, explicit_theta, integrator, binned).fit(system, first)
 
     simpler = [kind for kind in kinds if kind.kind != ContactResistances.kind]
     if case.section is not None:  # its model has no resistance between a face and its sensor
         return fit_with(simpler, first)
-    if not fluxes_of(case) or len(simpler) == len(kinds):
+    if contacts or not fluxes_of(case) or len(simpler) == len(kinds):
         return fit_with(kinds, first)
     fit = fit_with(simpler, first)
+    if contacts is not None:
+        return fit
     if not fit.finite or max(contact_scores(case, fit).values()) < SIGNIFICANT:
         return fit
     return fit_with(kinds, fit.diffusivity)
@@ -132,15 +140,15 @@ class _IteratedGLS:
         eta: float,
         explicit_theta: bool,
         integrator: Integrator,
+        binned_rows: int | None,
     ):
         self.case, self.window, self.kinds = case, window, kinds
         self.eta, self.explicit_theta = eta, explicit_theta
         self.integrator: Integrator = integrator
         self.data = replace(data, offsets=())  # `offsets` is static and unused here: without it, fewer compilations
         self.parameters = window_parameters(case, window, kinds)
-        self.bins, self.spacing = bin_readings(
-            np.asarray(data.weight) > 0, np.asarray(data.observed), plates=bool(fluxes_of(case))
-        )
+        present, observed = (np.asarray(part)[:binned_rows] for part in (data.weight > 0, data.observed))
+        self.bins, self.spacing = bin_readings(present, observed, plates=bool(fluxes_of(case)))
         self.readings = self.bins.nonempty
         self.conductivity = initial_conductivity(case, window) if LOG_CONDUCTIVITY in self.parameters else 0.0
         self.bounds = distinguishable_range(case, window)
@@ -205,7 +213,7 @@ class _IteratedGLS:
         """Filter the faces beside plates for noise with the memory that a fit shows."""
         if LOG_CONDUCTIVITY not in self.parameters or self.noise_option == "stated":
             return
-        residual = np.asarray(self.data.observed - fit.minimum.predicted)
+        residual = np.asarray(self.data.observed - fit.minimum.predicted)[: len(self.bins.present)]
         memory = memory_of_noise(fit.noise_shape, residual, len(self.case.sensors), self.record.step)
         if memory != self.case.record.noise_memory:
             self.case = replace(self.case, record=self.case.record.with_noise_memory(memory))
@@ -255,7 +263,7 @@ class _IteratedGLS:
         estimated = self.noise_option == "estimated" and self.noise_can_be_estimated
         noise = _noise_of_residual(shape, last) if last is not None and estimated else shape.stated_covariance()
         disturbance = None
-        if last is not None and self.disturbance_option != "none" and self.noise_can_be_estimated:
+        if last is not None and self.disturbance_option != "none" and self.noise_can_be_estimated and last.informative:
             readings = self._disturbed_readings(point, conductivity / case.wall.length)
             disturbance = self._disturbance(system, point, conductivity / case.wall.length, readings, last, noise)
             if disturbance is not None:

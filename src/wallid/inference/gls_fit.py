@@ -25,12 +25,13 @@ from .._internal.arrays import on_device
 from .disturbance_search import Disturbance
 from .likelihood import LOG_CONDUCTIVITY, PROFILE_MODE, LikelihoodProblem, Minimum
 from .noise_covariance import NoiseCovariance, NoiseShape
-from .nuisance_kinds import NuisanceKind
+from .nuisance_kinds import ContactResistances, NuisanceKind
 from .nuisance_parameters import instrument_error_kinds
 from .parameters import Parameters, kind_of
 from .profile_interval import Interval, interval_95
 from .whittle_likelihood import projected_sensitivity
 
+_LEAST_SENSITIVITY = 1e-6  # of the whitened readings to ln(alpha)
 _MODULATIONS = 3  # of the diffusivity in time: from half a cosine wave over the window to one and a half
 
 
@@ -107,10 +108,20 @@ class GLSFit:
         """Measured minus predicted, whitened, then the prior residuals: the rows of `jacobian`."""
         return np.concatenate([self.noise.whitening @ np.asarray(self.minimum.residual), -self.deviation[1:]])
 
+    @property
+    def contacts(self) -> tuple[str, ...]:
+        """The names of the estimated contact resistances at plates."""
+        return tuple(name for name in self.names if kind_of(name) == ContactResistances.kind)
+
     @cached_property
     def finite(self) -> bool:
         """Whether the Jacobian is finite."""
         return bool(np.all(np.isfinite(self.jacobian)))
+
+    @cached_property
+    def informative(self) -> bool:
+        """Whether the readings depend on the diffusivity at all: not where both faces stay as warm as the wall."""
+        return float(np.linalg.norm(self.noise.whitening @ self.readings_jacobian[:, 0])) > _LEAST_SENSITIVITY
 
     @cached_property
     def generalised_inverse(self) -> np.ndarray:

@@ -83,11 +83,12 @@ class Smoothed(NamedTuple):
 
 
 def triangular_root(stacked: Float[Array, "state root"]) -> Float[Array, "state state"]:
-    """The lower triangular `L` with `L L' = A A'`."""
+    """The lower triangular `L` with `L L' = A A'` and no negative diagonal."""
     states, columns = stacked.shape
     if columns < states:
         stacked = jnp.pad(stacked, ((0, 0), (0, states - columns)))
-    return jnp.linalg.qr(stacked.T, mode="r").T
+    root = jnp.linalg.qr(stacked.T, mode="r").T
+    return root * jnp.where(jnp.diag(root) < 0.0, -1.0, 1.0)
 
 
 def covariance_root(covariance: Float[np.ndarray, "state state"]) -> Float[np.ndarray, "state root"]:
@@ -136,7 +137,7 @@ def _update(
     after = triangular_root(stacked)
     of_readings, gain, after_root = after[:count, :count], after[count:, :count], after[count:, count:]
     innovation = solve_triangular(of_readings, y - H @ mean, lower=True)
-    log_det = jnp.sum(jnp.log(jnp.abs(jnp.diag(of_readings))))
+    log_det = jnp.sum(jnp.log(jnp.diag(of_readings)))
     return mean + gain @ innovation, after_root, innovation, log_det
 
 

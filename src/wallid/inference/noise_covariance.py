@@ -37,6 +37,8 @@ MAX_READINGS = 1500
 class BinnedReadings(eqx.Module):
     """Readings, and their means over bins of rows.
 
+    They may be those of the first rows of a window: of longer arrays the first rows are used.
+
     Args:
         observed: readings at the rows, degC (W/m2 for a flux), 0 where missing.
         present: 1 where there is a reading, 0 where it is missing.
@@ -61,13 +63,17 @@ class BinnedReadings(eqx.Module):
     def mean(self, values: Float[Array, "time sensor"]) -> Float[Array, " reading"]:
         """The mean of the readings present in each bin, sensor by sensor; 0 in an empty bin."""
         count = self._sum(self.present)
-        total = self._sum(values * self.present)
+        total = self._sum(values[: self.present.shape[0]] * self.present)
         return (total / jnp.maximum(count, 1.0)).T.reshape(-1)
 
     @eqx.filter_jit
     def counts(self) -> Float[Array, "bin sensor"]:
         """The number of readings in each bin."""
         return self._sum(self.present)
+
+    def of_first_rows(self, rows: int) -> BinnedReadings:
+        """The same bins of the first rows."""
+        return BinnedReadings(self.observed[:rows], self.present[:rows], self.rows_per_bin)
 
     def in_coarser_bins(self, finer: BinnedReadings) -> Callable[[np.ndarray], np.ndarray]:
         """The function from means over finer bins, `(*, reading)`, to means over these, weighted by the readings."""

@@ -25,6 +25,7 @@ from ..records.uniform_record import Record
 from .noise_covariance import BinnedReadings, NoiseShape, restricted_to_reading_rows
 
 _MAX_GAPS = 300  # each is a term of a dense covariance
+_MAX_COURSES = 20  # gaps in a Kalman filter, in which each is a state
 
 
 def noise_shape_of_record(
@@ -42,7 +43,7 @@ def noise_shape_of_record(
     Args:
         record: the rows used.
         response: response of the readings at the rows to 1 K more at one row of one face, `(face, row, sensor)`.
-        bins, spacing: as from `bin_readings`.
+        bins, spacing: as from `bin_readings`; of the first rows of the record, or all.
         sensor_std: standard deviation of each sensor's readings, K.
         face_noise: of the temperatures that drive the model.
         face_errors: what the faces do between rows; `FaceErrors.none()` where it is part of a noise that is estimated
@@ -50,6 +51,7 @@ def noise_shape_of_record(
         bending: effect on the binned readings of one standard deviation of how the faces bend; None where it follows
             from the response, as that of temperatures does.
     """
+    response = response[:, : len(bins.present)]
     gaps = gap_errors(record.fill_std, record.boundary_noise_std, response, bins)
     if bending is None:
         bending = bending_errors(face_errors.bendings(record.faces, record.step), response, bins)
@@ -58,12 +60,42 @@ def noise_shape_of_record(
     return NoiseShape(response, bins, sensor_std, face_noise, errors, np.concatenate([gaps, bending]))
 
 
+def courses_of_face_errors(
+    record: Record,
+    response: np.ndarray,
+    face_errors: FaceErrors,
+    bending: Float[np.ndarray, "error time instrument"] | None = None,
+) -> Float[np.ndarray, "time instrument error"]:
+    """The effect at the rows of one standard deviation of each gap's interpolation, and of how the faces bend.
+
+    Of many gaps only the largest are used.
+
+    Args:
+        record, response, face_errors: as for `noise_shape_of_record`.
+        bending: effect at the rows of one standard deviation of how the faces bend; None where it follows from the
+            response.
+    """
+    everywhere = np.ones(response.shape[1:])
+    rows = BinnedReadings(on_device(0.0 * everywhere), on_device(everywhere), 1)
+    gaps = gap_errors(record.fill_std, record.boundary_noise_std, response, rows, _MAX_COURSES)
+    if bending is None:
+        of_bending = bending_errors(face_errors.bendings(record.faces, record.step), response, rows)
+    else:
+        of_bending = bending.transpose(0, 2, 1).reshape(len(bending), -1)
+    errors = np.concatenate([gaps, of_bending])
+    return errors.reshape(len(errors), *everywhere.shape[::-1]).transpose(2, 1, 0)
+
+
 def gap_errors(
-    fill_std: np.ndarray | None, face_std: float, response: np.ndarray, bins: BinnedReadings
+    fill_std: np.ndarray | None,
+    face_std: float,
+    response: np.ndarray,
+    bins: BinnedReadings,
+    most: int = _MAX_GAPS,
 ) -> Float[np.ndarray, "gap reading"]:
     """The effect of one standard deviation of each gap's interpolation on the binned readings, K.
 
-    Of very many gaps only the largest are used.
+    Of more gaps than `most` only the largest are used.
 
     Args:
         fill_std: standard error of the interpolated faces in each row, K, 0 where a face was read; None for no gap.
@@ -72,12 +104,13 @@ def gap_errors(
         bins: the readings and their bins.
     """
     rows, sensors = bins.observed.shape
-    excess = np.zeros((rows, 2)) if fill_std is None else np.sqrt(np.maximum(fill_std**2 - face_std**2, 0.0))
+    fill_std = np.zeros((rows, 2)) if fill_std is None else fill_std[:rows]
+    excess = np.sqrt(np.maximum(fill_std**2 - face_std**2, 0.0))
     excess[~np.isfinite(excess)] = 0.0
     errors = [np.zeros((0, bins.readings))]
     gaps = [(side, first, end) for side in (0, 1) for first, end in _true_runs(excess[:, side] > 0)]
     gaps.sort(key=lambda gap: -float(excess[gap[1] : gap[2], gap[0]].sum()))
-    for side, first, end in sorted(gaps[:_MAX_GAPS]):
+    for side, first, end in sorted(gaps[:most]):
         effect = np.zeros((rows, sensors))
         for row in range(first, end):
             effect[row:] += excess[row, side] * response[side, : rows - row]

@@ -28,7 +28,8 @@ def forecast_page(forecast: Forecast) -> SinglePage:
             "start": str(forecast.start).replace("T", " "),
             "last": [(name, format_text(forecast.last(k))) for k, name in enumerate(forecast.names)],
             "disturbance": "" if disturbance is None else format_text(str(disturbance)),
-            "faces": "as in the record" if forecast.faces == "record" else "as on the day before",
+            "faces": format_text(forecast.faces_text),
+            "doubt": format_text(forecast.unreliable_reason),
             "errors": [
                 (f"{one.hours:g} h", [f"{r:.2g} ({c:.0%})" for r, c in zip(one.rms, one.coverage, strict=True)])
                 for one in forecast.step_errors

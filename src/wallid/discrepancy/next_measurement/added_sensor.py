@@ -18,9 +18,9 @@ from ...inference.noise_covariance import BinnedReadings
 from ...inference.noise_of_record import noise_shape_of_record
 from ...inference.nuisance_kinds import FacePositions, SensorOffsets, SensorPositions
 from ...inference.parameters import Parameters, kind_of, target_of
-from ...models.flux_plates import face_noise_of_model, fluxes_of
+from ...models.flux_plates import face_noise_of_model
 from ..effect_fit import EffectFit
-from ..model_with_effects import face_impulse_response, linearise
+from ..model_with_effects import linearise
 from ..problem import DiagnosisProblem, binned_errors
 from .present_record import PresentRecord
 from .separation import Explanation
@@ -61,13 +61,11 @@ def added_sensors(present: PresentRecord, positions: Sequence[float]) -> Iterato
         positions: m from the left face.
     """
     fits, problem, size = present.fits, present.problem, present.problem.sensor_count
-    # as in `DiagnosisProblem.noise_shape`, at the stated positions
-    stated = _with_stated_faces(fits[0].parameters, SensorPositions.kind)
-    of_present = _FaceErrorResponses.at(problem, stated)
+    of_present = _FaceErrorResponses(*problem.responses_to_face_errors(fits[0].parameters))
     for first in range(0, len(positions), size):
         some = positions[first : first + size]
         parameters = [_moved(fit.parameters, problem.case.sensors, some) for fit in fits]
-        moved = _FaceErrorResponses.at(problem, _with_stated_faces(parameters[0]))
+        moved = _FaceErrorResponses(*problem.responses_at(_with_stated_faces(parameters[0])))
         predictions = [_Prediction.of(fit, at) for fit, at in zip(fits, parameters, strict=True)]
         for slot, position in enumerate(some):
             sensor = another_sensor(problem, position)
@@ -90,9 +88,9 @@ def _moved(parameters: Parameters, sensors: Sequence[Sensor], positions: Sequenc
     return parameters.with_values(dict.fromkeys(own, 0.0) | moves)
 
 
-def _with_stated_faces(parameters: Parameters, *kinds: str) -> Parameters:
-    """The parameters without position errors of the faces' sensors, and of some further kinds."""
-    return parameters.with_values(dict.fromkeys(parameters.of_kind(FacePositions.kind, *kinds), 0.0))
+def _with_stated_faces(parameters: Parameters) -> Parameters:
+    """The parameters without position errors of the faces' sensors."""
+    return parameters.with_values(dict.fromkeys(parameters.of_kind(FacePositions.kind), 0.0))
 
 
 def _is_of_a_sensor(name: str) -> bool:
@@ -151,11 +149,6 @@ class _FaceErrorResponses:
 
     impulse: np.ndarray
     bending: np.ndarray | None
-
-    @classmethod
-    def at(cls, problem: DiagnosisProblem, parameters: Parameters) -> _FaceErrorResponses:
-        bending = problem.bending_of_faces(parameters) if fluxes_of(problem.case) else None
-        return cls(face_impulse_response(problem.model, parameters), bending)
 
     def beside(self, other: _FaceErrorResponses, index: int) -> _FaceErrorResponses:
         """With one instrument of others as the last."""
