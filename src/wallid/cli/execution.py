@@ -118,7 +118,8 @@ def run_plan(name: str, out: Path, json: bool, quiet: bool, formats: str) -> Non
             report.check_output_folder(out)
             start = clock.perf_counter()
             result = plan(campaign, progress=part_of(display.step, 0.05, 0.9))
-            days = f"{result.days:g} days, sensors at {', '.join(f'{x:.3g} m' for x in result.positions) or 'no place'}"
+            places = ", ".join(f"{x:.3g} m" for x in result.positions)
+            days = f"{result.days:g} days, {f'sensors at {places}' if places else 'no sensor inside'}"
             display.line(stage_line("plan", days, clock.perf_counter() - start))
             written = _written(display, partial(report.write_page, plan_page(result), out, formats=figure_formats))
     except InputError as error:
