@@ -55,7 +55,7 @@ _MAX_WALL_ITERATIONS = 15  # with estimated wall parameters: each iteration buil
 _SEARCHES = 2  # for a disturbance, in the iterations after the first; later ones keep its size and time constant
 _CONVERGED = 0.1  # standard errors: the iteration ends when the estimate changes by less
 _MOVED = 1.0  # standard errors: after a larger change a disturbance is searched for again
-_LARGER_NOISE = 4.0  # of the variance: beside a disturbance, the search starts again from other diffusivities
+_LARGER_NOISE = 4.0  # of the variance, over the stated one: the search starts again from other diffusivities
 _OTHER_STARTS = (1.0, 1.0 / 3.0, 3.0)  # over the first diffusivity
 
 
@@ -158,15 +158,15 @@ class _IteratedGLS:
         """The best fit from a first diffusivity in m2/s.
 
         A large disturbance can draw the minimum under the noise alone so far away that a search in its residual finds
-        another disturbance. Where the noise is found to be much larger than stated, the first search is made in the
-        residual at each of some first diffusivities too.
+        another disturbance, or none. Where one is searched for, and the noise is found to be much larger than stated,
+        the first search is made in the residual at each of some first diffusivities too.
         """
         fit = self.iterated(system, first)
-        if fit.disturbance is None or fit.disturbance.noise_size < _LARGER_NOISE:
+        if self.disturbance_option == "none" or fit.noise.white + fit.noise.autocorrelated < _LARGER_NOISE:
             return fit
         others = [self.iterated(system, factor * first, minimised=False) for factor in _OTHER_STARTS]
         finite = [one for one in (fit, *others) if math.isfinite(one.marginal_deviance)]
-        best = min(finite, key=lambda one: one.marginal_deviance, default=fit)
+        best = min(finite, key=_deviance_with_evidence, default=fit)
         return replace(best, reduced_chi_square=fit.reduced_chi_square)
 
     def iterated(self, system: StateSpace, first: float, minimised: bool = True) -> GLSFit:
@@ -343,6 +343,11 @@ class _IteratedGLS:
         response[:, :, len(case.sensors) :] *= conductance
         sensor_std = np.array([sensor.noise_std for sensor in case.sensors] + [flux_noise_std(case)] * plates)
         return noise_shape_of_record(self.record, response, bins, self.spacing, sensor_std, *face_noise_of_model(case))
+
+
+def _deviance_with_evidence(fit: GLSFit) -> float:
+    """What compares fits: a disturbance must explain more by the evidence that is asked for."""
+    return fit.marginal_deviance + (0.0 if fit.disturbance is None else EVIDENCE)
 
 
 def _with_heat_in_gains(
