@@ -37,11 +37,12 @@ SEED = 2801  # fixed before the first record was estimated
 
 @dataclass(frozen=True)
 class Kind:
-    """Records of one kind: what is logged, where heat enters, its memory in hours."""
+    """Records of one kind: what is logged, where heat enters, its memory in hours; drawn from a seed."""
 
     logged: str
     heat: str
     memory: float
+    seed: int = SEED
 
     @property
     def rows(self) -> int:
@@ -70,7 +71,7 @@ def heat_of(kind: Kind, count: int, rng: np.random.Generator) -> tuple[np.ndarra
 def simulated(kind: Kind, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The readings of faces, sensors and plates of one record."""
     code = (list(DAYS).index(kind.logged), HEATS.index(kind.heat), round(kind.memory))
-    rng = np.random.default_rng([SEED, *code, number])
+    rng = np.random.default_rng([kind.seed, *code, number])
     stride, before = round(STEP[kind.logged] / FINE), round(BEFORE * 86400.0 / FINE)
     count = before + (kind.rows - 1) * stride + 1
     rate = DIFFUSIVITY / LENGTH**2
@@ -202,9 +203,13 @@ def main() -> None:
     parser = count_options(__doc__, "disturbance.jsonl", 400)
     parser.add_argument("--logged", nargs="*", default=list(DAYS))
     parser.add_argument("--options", nargs="*", default=list(OPTIONS))
+    parser.add_argument("--heats", nargs="*", default=list(HEATS))
+    parser.add_argument("--seed", type=int, default=SEED, help="of a repeat, with a log of its own")
     arguments = parser.parse_args()
     kinds = [
-        Kind(*one) for one in product(arguments.logged, HEATS, MEMORIES) if one[1] != "nothing" or one[2] == MEMORIES[0]
+        Kind(*one, arguments.seed)
+        for one in product(arguments.logged, arguments.heats, MEMORIES)
+        if one[1] != "nothing" or one[2] == MEMORIES[0]
     ]
     tasks = [
         (kind, number, option)
