@@ -44,6 +44,7 @@ from .effects.base import AbstractEffect
 from .effects.catalogue import library, unlogged
 from .effects.heat_sources import AIRS
 from .effects.search_range import SearchRange, search_range_of_record
+from .face_error_responses import FaceErrorResponses
 from .forward.time_stepping import MAX_SUBSTEP
 from .heterogeneity.section_pattern import section_pattern
 from .model_with_effects import DEPTH_SIGNS, ModelWithEffects, face_change_response, face_impulse_response
@@ -198,33 +199,25 @@ class DiagnosisProblem:
             bins: of the readings; None for those of the diagnosis.
         """
         bins = self.bins if bins is None else bins
-        response, bending = self.responses_to_face_errors(parameters)
+        responses = self.responses_to_face_errors(parameters)
         face_noise, errors = face_noise_of_model(self.case)
-        binned = None if bending is None else binned_errors(bending, bins)
         return noise_shape_of_record(
-            self.record, response, bins, self.spacing, self.noise_stds, face_noise, errors, binned
-        )
+            self.record, responses.impulse, bins, self.spacing, self.noise_stds, face_noise, errors,
+            responses.binned_bending(bins),
+        )  # fmt: skip
 
-    def responses_to_face_errors(
-        self, parameters: Parameters
-    ) -> tuple[Float[np.ndarray, "face row instrument"], Float[np.ndarray, "error time instrument"] | None]:
-        """The response of the readings to errors of the faces, at the stated positions.
-
-        Returns:
-            the response to an error of 1 K in one reading; and to how the faces bend between their rows, None without
-            plates.
-        """
+    def responses_to_face_errors(self, parameters: Parameters) -> FaceErrorResponses:
+        """The responses of the readings to errors of the faces, at the stated positions."""
         positions = parameters.of_kind(SensorPositions.kind, FacePositions.kind)
         return self.responses_at(parameters.with_values(dict.fromkeys(positions, 0.0)))
 
-    def responses_at(
-        self, parameters: Parameters
-    ) -> tuple[Float[np.ndarray, "face row instrument"], Float[np.ndarray, "error time instrument"] | None]:
+    def responses_at(self, parameters: Parameters) -> FaceErrorResponses:
         """The same at the positions of some parameters."""
-        impulse = face_impulse_response(self.model, parameters)
-        if not fluxes_of(self.case):
-            return impulse, None
-        return impulse, face_change_response(self.model, parameters, self._bent_faces)
+        plates = fluxes_of(self.case)
+        return FaceErrorResponses(
+            impulse=face_impulse_response(self.model, parameters),
+            bending=face_change_response(self.model, parameters, self._bent_faces) if plates else None,
+        )
 
     @cached_property
     def _bent_faces(self) -> Float[np.ndarray, "change interval power face"]:
@@ -336,13 +329,6 @@ def diagnosis_problem(case: Case) -> DiagnosisProblem:
         case, stated, record, readings, model, bins, spacing, testable, parameters, search_range,
         has_pattern=has_pattern,
     )  # fmt: skip
-
-
-def binned_errors(
-    errors: Float[np.ndarray, "error time instrument"], bins: BinnedReadings
-) -> Float[np.ndarray, "error reading"]:
-    """The means over bins of errors of the readings."""
-    return np.stack([np.asarray(bins.mean(on_device(error))) for error in errors])
 
 
 def _readings(case: Case, record: Record) -> np.ndarray:

@@ -10,7 +10,7 @@ from ..case.case_definition import Case
 from ..case.mixups import visible_mixups
 from ..estimation.materials import implausible
 from ..estimation.unknown_heat import UnknownHeat
-from ..records.weather_year import read_weather_year
+from ..records.weather_year import WeatherYear, read_weather_year
 from .compilation import compile_together
 from .cross_validation import cross_validate
 from .effect_fit import EffectFit
@@ -56,8 +56,7 @@ def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
         >>> diagnosis = wallid.diagnose(wallid.load("case.toml"))
         >>> print(diagnosis.verdict, diagnosis.sentence)
     """
-    if case.plan is not None:  # the next measurement needs it: an error must not come after the search
-        read_weather_year(case.planned_campaign.weather_file)
+    weather = _weather_of_plan(case)  # before the search: an error must not come after it
     with shown_progress(progress) as report:
         plain = _fit_plain_model(case, report)
         if plain.fits.problem.has_pattern:
@@ -67,10 +66,18 @@ def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
         if mixup is None and found.verdict != "adequate" and (equal := _equal_mixup(found, report)) is not None:
             found = _search_corrected(plain, equal, report)
         text = "diagnose: what to measure next"
-        prescriptions = what_to_measure(found, lambda share: report(text, 0.96 + 0.03 * share))
+        prescriptions = what_to_measure(found, lambda share: report(text, 0.96 + 0.03 * share), weather)
         course = _unknown_heat(found, report)
     others = (one for one in visible_mixups(case) if one.kind in ("flux_sign", "clock"))
     return replace(found, mixups=(*found.mixups, *others), prescriptions=prescriptions, unknown_heat=course)
+
+
+def _weather_of_plan(case: Case) -> WeatherYear | None:
+    """The weather of a typical year, for the next measurement; None where none is stated or none will be sought."""
+    has_pattern = case.section is not None and not case.section.is_homogeneous
+    if case.plan is None or has_pattern:
+        return None
+    return read_weather_year(case.planned_campaign.weather_file)
 
 
 def _search_in_section(plain: _PlainModel, progress: Progress) -> Diagnosis:

@@ -109,12 +109,12 @@ class UnexplainedHeat:
         prior_std = np.ones(len(self._unit))
         prior_std[0] = _WIDE
         face_noise, face_errors = face_noise_of_model(problem.case)
-        response, bending = problem.responses_to_face_errors(parameters)
+        responses = problem.responses_to_face_errors(parameters)
         white, autocorrelated = self.disturbance.noise_variances
         correlation = self.disturbance.noise_memory.correlation
         fitted = FittedReadings(
             sensor_std=problem.noise_stds,
-            face_courses=courses_of_face_errors(problem.record, response, face_errors, bending),
+            face_courses=courses_of_face_errors(problem.record, responses.impulse, face_errors, responses.bending),
             face_noise=face_noise.limited(white, autocorrelated, correlation),
             face_errors=face_errors.autocovariance,
             spacing=problem.spacing,

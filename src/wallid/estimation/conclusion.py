@@ -113,7 +113,7 @@ def gls_minima(
     integrator: Integrator,
     start: float | None = None,
     kinds: Sequence[NuisanceKind] = NUISANCE_KINDS,
-    contacts: bool | None = None,
+    with_contacts: bool = False,
 ) -> tuple[GLSFit, list[GLSFit]]:
     """The best minimum of the GLS cost, and others that the record does not exclude.
 
@@ -131,7 +131,7 @@ def gls_minima(
     while starts and len(fits) < _MAX_MINIMA:
         one = fit_generalised_least_squares(
             initial.case, initial.window, initial.data, initial.system, starts.pop(0),
-            eta=eta, explicit_theta=explicit_theta, integrator=integrator, kinds=kinds, contacts=contacts,
+            eta=eta, explicit_theta=explicit_theta, integrator=integrator, kinds=kinds, with_contacts=with_contacts,
         )  # fmt: skip
         fits.append(one)
         if one.interval.lower_minimum is not None:

@@ -186,7 +186,7 @@ def estimate_by_gls(
     integrator: Integrator = "propagator",
     draws: int = 0,
     nuisance: Sequence[NuisanceKind] = NUISANCE_KINDS,
-    contacts: bool | None = None,
+    with_contacts: bool = False,
     progress: Progress = no_progress,
 ) -> tuple[Estimate, GLSFit]:
     """The estimate with the full covariance, and the GLS fit that it is computed from.
@@ -195,7 +195,7 @@ def estimate_by_gls(
 
     Args:
         model: its outputs are the sensors, then the plates.
-        contacts: whether contact resistances at plates are estimated; None: where the record shows one. The other
+        with_contacts: whether contact resistances at plates are estimated also where the record shows none. The other
             arguments are as in `estimate`.
     """
     plates = fluxes_of(case)
@@ -210,7 +210,7 @@ def estimate_by_gls(
         progress("estimate: Gauss-Newton with independent readings", 0.0)
         initial = _initial_fit(case, window, model, start, eta, explicit_theta, integrator)
     progress("estimate: generalised least squares", 0.2)
-    best_fit, other_minima = gls_minima(initial, eta, explicit_theta, integrator, start, nuisance, contacts)
+    best_fit, other_minima = gls_minima(initial, eta, explicit_theta, integrator, start, nuisance, with_contacts)
     progress(f"estimate: bootstrap of {draws} records" if draws else "estimate: interval and checks", 0.7)
     result = estimate_from_gls(initial, best_fit, other_minima, draws)
     if initial.weighted_fit is None:

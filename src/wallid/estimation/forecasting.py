@@ -92,7 +92,7 @@ def forecast(
         mean, variance = _averaged([(share, *_after(states, filtered)) for share, states, filtered in each])
         mean, std = np.asarray(fit.minimum.predicted)[trained:] + mean, np.sqrt(variance)
         if logged < rows:
-            response = response_at_rows(case, fit, rows)
+            response = response_at_rows(case, window, fit)
             std = np.hypot(std, error_of_persistence(case.record, response, first, rows, logged))
         report("forecast: errors of earlier predictions", 0.9)
         errors = step_errors(each, record.step)
@@ -113,9 +113,7 @@ def forecast(
 
 def _first_row(record: Record, first: int, days: float) -> int:
     """The first row of the estimate: at most so many days before, without a break."""
-    begin = max(0, first - record.rows_in_days(days))
-    broken = np.flatnonzero(record.broken[begin:first])
-    begin += 0 if not len(broken) else int(broken[-1]) + 1
+    begin = max(first - record.rows_in_days(days), record.first_unbroken_row(first - 1))
     if first - begin < _FEWEST_ROWS:
         limited = f" in days = {days:g}" if record.rows_in_days(days) < _FEWEST_ROWS else ""
         raise InputError(

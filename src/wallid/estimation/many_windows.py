@@ -222,11 +222,11 @@ def campaign(
         for k, window in enumerate(windows):
             report(f"estimate: window {k + 1} of {len(windows)}", k / len(windows))
             results.append(estimate_by_gls(case, window, system, prior, eta) if _has_reading(case, window) else None)
-        contacts = [one is not None and bool(one[1].contacts) for one in results]
-        for k, window in enumerate(windows):
-            if any(contacts) and not contacts[k] and results[k] is not None:  # the same wall in all windows
-                report(f"estimate: window {k + 1} of {len(windows)} with contact resistances", 0.99)
-                results[k] = estimate_by_gls(case, window, system, prior, eta, contacts=True)
+        if any(one is not None and one[1].contacts for one in results):  # the wall is the same in all windows
+            for k, one in enumerate(results):
+                if one is not None and not one[1].contacts:
+                    report(f"estimate: window {k + 1} of {len(windows)} with contact resistances", 0.99)
+                    results[k] = estimate_by_gls(case, windows[k], system, prior, eta, with_contacts=True)
         return _pool(case, windows, results)
 
 

@@ -39,7 +39,7 @@ def with_persistent_faces(case: Case, first: int, rows: int, faces: str) -> tupl
     if known == rows:
         return case, rows
     day, last = record.rows_in_days(1.0), first + known - 1
-    if last - _first_unbroken(record, last) < _FEWEST_DAYS * day:
+    if last - record.first_unbroken_row(last) < _FEWEST_DAYS * day:
         raise InputError(
             f"the faces after {record.stamp(last)} are taken from the day before, with the error that this had on "
             f"earlier days; the record has less than {_FEWEST_DAYS} days before it without a break"
@@ -85,7 +85,7 @@ def error_of_persistence(
         known: rows of it whose faces were logged.
     """
     day, last, length = record.rows_in_days(1.0), first + known - 1, rows - known
-    faces = np.asarray(record.faces)[_first_unbroken(record, last) : last + 1]
+    faces = np.asarray(record.faces)[record.first_unbroken_row(last) : last + 1]
     total, count = np.zeros((length, response.shape[2])), np.zeros(length)
     for start in range(day, len(faces) - 1, max(1, day // _STARTS)):
         course = _errors_from(faces, start, day)[:length]
@@ -107,9 +107,3 @@ def _errors_from(faces: Float[np.ndarray, "time face"], start: int, day: int) ->
     ahead = np.arange(1, len(faces) - start)
     before = start + ahead - day * np.ceil(ahead / day).astype(int)
     return faces[start + ahead] - faces[before] - (faces[start] - faces[start - day])
-
-
-def _first_unbroken(record: Record, last: int) -> int:
-    """The first of the rows up to one without a break."""
-    broken = np.flatnonzero(record.broken[: last + 1])
-    return int(broken[-1]) + 1 if len(broken) else 0

@@ -21,7 +21,6 @@ from ..models.flux_plates import fluxes_of, full_order_model_with_plates
 from ..models.sensitivity_equations import simulate_window
 from .gls_fit import GLSFit
 from .likelihood import LOG_CONDUCTIVITY
-from .nuisance_kinds import WallParameters
 
 SIGNIFICANT = 3.0
 """Standard deviations of the score, from which on the contact resistances are estimated: one false alarm in 700."""
@@ -35,10 +34,7 @@ def contact_scores(case: Case, fit: GLSFit) -> dict[str, float]:
         case: with plates.
         fit: without contact resistances.
     """
-    problem, names = fit.problem, fit.parameters.of_kind(WallParameters.kind)
-    wall = (
-        np.asarray(fit.parameters.vector(names)) / np.asarray(fit.parameters.prior_std)[fit.parameters.indices(names)]
-    )
+    problem = fit.problem
     fourier = on_device(scales(case).fourier_number(fit.diffusivity))
     scale = np.full(problem.bins.observed.shape[1], float(problem.data.temperature))
     plates = fluxes_of(case)
@@ -46,7 +42,7 @@ def contact_scores(case: Case, fit: GLSFit) -> dict[str, float]:
     scale[-len(plates) :] = np.asarray(problem.flux_scale(fit.minimum.vector))
 
     def readings(contacts: tuple[float, float]) -> np.ndarray:
-        model = full_order_model_with_plates(case, wall, contacts=contacts)
+        model = full_order_model_with_plates(case, fit.wall, contacts=contacts)
         u = simulate_window(model, fourier, problem.data)[0]
         return np.asarray(problem.bins.mean(on_device(scale * np.asarray(u))))
 

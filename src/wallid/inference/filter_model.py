@@ -27,18 +27,17 @@ from jaxtyping import Float
 
 from .._internal.arrays import on_device
 from ..case.case_definition import Case
-from ..case.initial_profile import scales
 from ..case.time_window import Window
 from ..models.disturbance import GaussianStep, MaternProcess, gaussian_step
-from ..models.flux_plates import face_noise_of_model, full_order_model_with_plates
+from ..models.flux_plates import face_noise_of_model
 from .disturbance_covariance import HEAT_PROFILES, DisturbedReadings, disturbed_readings
 from .disturbance_search import Disturbance
 from .gls_fit import GLSFit
 from .kalman_filter import Filtered, LinearGaussianModel, Smoothed, covariance_root, kalman_filter, kalman_smoother
-from .likelihood import LOG_CONDUCTIVITY, PLATE_GAIN, face_response, predicted_jacobian
+from .likelihood import LOG_CONDUCTIVITY, PLATE_GAIN, predicted_jacobian
 from .noise_covariance import variance_of_mean
-from .noise_of_record import courses_of_face_errors
-from .nuisance_kinds import ContactResistances, WallParameters, contact_lengths
+from .noise_of_record import courses_of_face_errors, response_to_faces
+from .nuisance_kinds import contact_lengths
 
 _UNKNOWN_STD = 3.0  # of ln(alpha), which has no prior
 _SMALLEST_STD = 1e-9  # of a reading over its noise, so that no reading is exact
@@ -163,7 +162,7 @@ def fitted_readings(case: Case, window: Window, fit: GLSFit) -> FittedReadings:
     record = case.record.window(window.row, window.rows)
     return FittedReadings(
         sensor_std=fit.noise_shape.sensor_std,
-        face_courses=courses_of_face_errors(record, response_at_rows(case, fit, window.rows), face_errors),
+        face_courses=courses_of_face_errors(record, response_at_rows(case, window, fit), face_errors),
         face_noise=fit.noise_shape.face_noise.limited(noise.white, noise.autocorrelated, noise.correlation),
         face_errors=face_errors.autocovariance,
         spacing=fit.problem.bins.rows_per_bin // fit.noise_shape.rows_per_bin,
@@ -241,25 +240,18 @@ def readings_at(case: Case, fit: GLSFit) -> DisturbedReadings:
     gains = np.asarray(parameters.vector(parameters.of_kind(PLATE_GAIN)))
     return disturbed_readings(
         case, fit.problem.data, fit.diffusivity,
-        conductance=conductance, contacts=contacts, wall=_wall_of(fit), gains=gains,
+        conductance=conductance, contacts=contacts, wall=fit.wall, gains=gains,
     )  # fmt: skip
 
 
-def response_at_rows(case: Case, fit: GLSFit, rows: int) -> Float[np.ndarray, "face row output"]:
-    """The readings' response to 1 K more at one row of one face, at a fit, K or W/m2."""
-    system, (conductance, contacts) = fit.problem.system, _conductance_and_contacts(case, fit)
-    if any(contacts):
-        system = full_order_model_with_plates(case, _wall_of(fit), contacts=contacts)
-    fourier = on_device(scales(case).fourier_number(fit.diffusivity))
-    response = np.array(face_response(system, fourier, fit.problem.data.step, rows))
-    response[:, :, len(case.sensors) :] *= conductance
-    return response
-
-
-def _wall_of(fit: GLSFit) -> Float[np.ndarray, " param"]:
-    """The wall's own parameters, in prior standard deviations."""
-    parameters, names = fit.parameters, fit.parameters.of_kind(WallParameters.kind)
-    return np.asarray(parameters.vector(names)) / np.asarray(parameters.prior_std)[parameters.indices(names)]
+def response_at_rows(case: Case, window: Window, fit: GLSFit) -> Float[np.ndarray, "face row output"]:
+    """The readings' response to 1 K more at one row of one face, over the window of a fit, K or W/m2."""
+    conductance, contacts = _conductance_and_contacts(case, fit)
+    problem = fit.problem
+    return response_to_faces(
+        case, problem.system, fit.diffusivity, problem.data.step, window.rows,
+        conductance=conductance, contacts=contacts, wall=fit.wall,
+    )  # fmt: skip
 
 
 def _conductance_and_contacts(case: Case, fit: GLSFit) -> tuple[float, tuple[float, float]]:
@@ -268,8 +260,8 @@ def _conductance_and_contacts(case: Case, fit: GLSFit) -> tuple[float, tuple[flo
     if LOG_CONDUCTIVITY not in parameters:
         return 0.0, (0.0, 0.0)
     reference = float(fit.problem.nuisance.flux[0]) / float(fit.problem.data.temperature)
-    names = parameters.of_kind(ContactResistances.kind)
-    contacts = contact_lengths(reference * case.wall.length, names, np.asarray(parameters.vector(names)))
+    values = np.asarray(parameters.vector(fit.contacts))
+    contacts = contact_lengths(reference * case.wall.length, fit.contacts, values)
     return reference * math.exp(float(parameters[LOG_CONDUCTIVITY])), contacts
 
 

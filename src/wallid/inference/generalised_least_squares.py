@@ -33,10 +33,10 @@ from .disturbance_covariance import DisturbedReadings, disturbed_readings
 from .disturbance_search import EVIDENCE, Disturbance, RestrictedLikelihood, find_disturbance, search_bins
 from .gains_by_heat import gains_by_heat
 from .gls_fit import GLSFit
-from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, PLATE_GAIN, LikelihoodProblem, face_response, minimise
+from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, PLATE_GAIN, LikelihoodProblem, minimise
 from .noise_covariance import BinnedReadings, NoiseCovariance, NoiseShape, bin_readings
 from .noise_memory import memory_of_noise
-from .noise_of_record import noise_shape_of_record
+from .noise_of_record import noise_shape_of_record, response_to_faces
 from .nuisance_kinds import (
     NUISANCE_KINDS,
     ContactResistances,
@@ -72,7 +72,7 @@ def fit_generalised_least_squares(
     rows_used: int | None = None,
     other_rows_binned: bool = True,
     kinds: Sequence[NuisanceKind] = NUISANCE_KINDS,
-    contacts: bool | None = None,
+    with_contacts: bool = False,
 ) -> GLSFit:
     """The estimate under the full covariance, by iterated generalised least squares.
 
@@ -87,7 +87,7 @@ def fit_generalised_least_squares(
         other_rows_binned: whether the bins of the readings go on over the other rows, as those of the entire window do:
             one compilation serves both. If not, the fit is the same for any number of other rows.
         kinds: of nuisance parameters.
-        contacts: whether contact resistances at plates are estimated; None: where the record shows one.
+        with_contacts: whether contact resistances at plates are estimated also where the record shows none.
 
     Returns:
         the fit of the last iteration.
@@ -101,11 +101,9 @@ def fit_generalised_least_squares(
     simpler = [kind for kind in kinds if kind.kind != ContactResistances.kind]
     if case.section is not None:  # its model has no resistance between a face and its sensor
         return fit_with(simpler, first)
-    if contacts or not fluxes_of(case) or len(simpler) == len(kinds):
+    if with_contacts or not fluxes_of(case) or len(simpler) == len(kinds):
         return fit_with(kinds, first)
     fit = fit_with(simpler, first)
-    if contacts is not None:
-        return fit
     if not fit.finite or max(contact_scores(case, fit).values()) < SIGNIFICANT:
         return fit
     return fit_with(kinds, fit.diffusivity)
@@ -263,7 +261,7 @@ class _IteratedGLS:
         estimated = self.noise_option == "estimated" and self.noise_can_be_estimated
         noise = _noise_of_residual(shape, last) if last is not None and estimated else shape.stated_covariance()
         disturbance = None
-        if last is not None and self.disturbance_option != "none" and self.noise_can_be_estimated and last.informative:
+        if last is not None and self.disturbance_option != "none" and self._can_search(last):
             readings = self._disturbed_readings(point, conductivity / case.wall.length)
             disturbance = self._disturbance(system, point, conductivity / case.wall.length, readings, last, noise)
             if disturbance is not None:
@@ -295,6 +293,10 @@ class _IteratedGLS:
             problem, minimum, shape, noise, self.kinds, chi_square, estimated or disturbance is not None, iterations,
             disturbance=disturbance,
         )  # fmt: skip
+
+    def _can_search(self, last: GLSFit) -> bool:
+        """Whether a disturbance can be searched for in the residual of a fit."""
+        return self.noise_can_be_estimated and last.depends_on_diffusivity
 
     def _disturbed_readings(self, point: Linearisation, conductance: float) -> DisturbedReadings:
         """How heat that the model does not know would change the readings, at a point."""
@@ -335,12 +337,11 @@ class _IteratedGLS:
             conductance: k/L, W/m2/K, by which the faces' noise enters the fluxes.
         """
         case, (rows, _) = self.case, point.shape
-        time = on_device(scales(case).fourier_number(point.diffusivity)), self.data.step
-        if any(contacts := self._contacts(point)):
-            system = full_order_model_with_plates(case, point.wall, contacts=contacts)
-        response = np.array(face_response(system, *time, rows))
+        response = response_to_faces(
+            case, system, point.diffusivity, self.data.step, rows,
+            conductance=conductance, contacts=self._contacts(point), wall=point.wall,
+        )  # fmt: skip
         plates = response.shape[2] - len(case.sensors)
-        response[:, :, len(case.sensors) :] *= conductance
         sensor_std = np.array([sensor.noise_std for sensor in case.sensors] + [flux_noise_std(case)] * plates)
         return noise_shape_of_record(self.record, response, bins, self.spacing, sensor_std, *face_noise_of_model(case))
 

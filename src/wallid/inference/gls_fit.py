@@ -20,12 +20,13 @@ from functools import cached_property
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from .._internal.arrays import on_device
 from .disturbance_search import Disturbance
 from .likelihood import LOG_CONDUCTIVITY, PROFILE_MODE, LikelihoodProblem, Minimum
 from .noise_covariance import NoiseCovariance, NoiseShape
-from .nuisance_kinds import ContactResistances, NuisanceKind
+from .nuisance_kinds import ContactResistances, NuisanceKind, WallParameters
 from .nuisance_parameters import instrument_error_kinds
 from .parameters import Parameters, kind_of
 from .profile_interval import Interval, interval_95
@@ -111,17 +112,22 @@ class GLSFit:
     @property
     def contacts(self) -> tuple[str, ...]:
         """The names of the estimated contact resistances at plates."""
-        return tuple(name for name in self.names if kind_of(name) == ContactResistances.kind)
+        return self.parameters.of_kind(ContactResistances.kind)
+
+    @property
+    def wall(self) -> Float[np.ndarray, " param"]:
+        """The estimates of the wall's own parameters, over their prior standard deviations."""
+        return self.parameters.in_prior_std(self.parameters.of_kind(WallParameters.kind))
 
     @cached_property
     def finite(self) -> bool:
         """Whether the Jacobian is finite."""
         return bool(np.all(np.isfinite(self.jacobian)))
 
-    @cached_property
-    def informative(self) -> bool:
-        """Whether the readings depend on the diffusivity at all: not where both faces stay as warm as the wall."""
-        return float(np.linalg.norm(self.noise.whitening @ self.readings_jacobian[:, 0])) > _LEAST_SENSITIVITY
+    @property
+    def depends_on_diffusivity(self) -> bool:
+        """Whether the readings depend on the diffusivity: not where the wall is always as warm as both faces."""
+        return float(np.linalg.norm(self.jacobian[:, 0])) > _LEAST_SENSITIVITY
 
     @cached_property
     def generalised_inverse(self) -> np.ndarray:

@@ -71,10 +71,6 @@ class BinnedReadings(eqx.Module):
         """The number of readings in each bin."""
         return self._sum(self.present)
 
-    def of_first_rows(self, rows: int) -> BinnedReadings:
-        """The same bins of the first rows."""
-        return BinnedReadings(self.observed[:rows], self.present[:rows], self.rows_per_bin)
-
     def in_coarser_bins(self, finer: BinnedReadings) -> Callable[[np.ndarray], np.ndarray]:
         """The function from means over finer bins, `(*, reading)`, to means over these, weighted by the readings."""
         factor = self.rows_per_bin // finer.rows_per_bin

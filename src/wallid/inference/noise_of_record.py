@@ -17,11 +17,16 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from .._internal.arrays import on_device
+from ..case.case_definition import Case
+from ..case.initial_profile import scales
+from ..models.flux_plates import full_order_model_with_plates
+from ..models.state_space import StateSpace
 from ..records.face_variation import FaceErrors, FaceNoise
 from ..records.uniform_record import Record
+from .likelihood import face_response
 from .noise_covariance import BinnedReadings, NoiseShape, restricted_to_reading_rows
 
 _MAX_GAPS = 300  # each is a term of a dense covariance
@@ -58,6 +63,35 @@ def noise_shape_of_record(
     errors = face_errors.autocovariance
     response, bins, errors = restricted_to_reading_rows(response, bins, spacing, errors)
     return NoiseShape(response, bins, sensor_std, face_noise, errors, np.concatenate([gaps, bending]))
+
+
+def response_to_faces(
+    case: Case,
+    system: StateSpace,
+    diffusivity: float,
+    step: Float[Array, ""],
+    rows: int,
+    *,
+    conductance: float,
+    contacts: tuple[float, float],
+    wall: Float[np.ndarray, " param"],
+) -> Float[np.ndarray, "face row output"]:
+    """The readings' response to 1 K more at one row of one face, K, and W/m2 of plates.
+
+    Args:
+        system: the model; with contact resistances it is built anew.
+        diffusivity: m2/s.
+        step: between rows, relative to the reference time.
+        rows: of the response.
+        conductance: k/L, W/m2/K, by which a face enters the fluxes.
+        contacts: length of wall with the resistance between each face and its sensor, m.
+        wall: the wall's own parameters, in prior standard deviations.
+    """
+    if any(contacts):
+        system = full_order_model_with_plates(case, wall, contacts=contacts)
+    response = np.array(face_response(system, on_device(scales(case).fourier_number(diffusivity)), step, rows))
+    response[:, :, len(case.sensors) :] *= conductance
+    return response
 
 
 def courses_of_face_errors(

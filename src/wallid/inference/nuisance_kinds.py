@@ -75,8 +75,7 @@ class Linearisation:
 
     def in_prior_std(self, names: Sequence[str]) -> np.ndarray:
         """The estimates of some parameters so far, over their prior standard deviations."""
-        indices = self.parameters.indices(names)
-        return np.asarray(self.parameters.values)[indices] / np.asarray(self.parameters.prior_std)[indices]
+        return self.parameters.in_prior_std(names)
 
     @cached_property
     def wall(self) -> np.ndarray:

@@ -156,6 +156,11 @@ class Parameters(eqx.Module):
         """The values of some parameters, in the order of the names."""
         return index_array(self.values, self.indices(names))
 
+    def in_prior_std(self, names: Iterable[str]) -> np.ndarray:
+        """The values of some parameters over their prior standard deviations."""
+        indices = self.indices(names)
+        return np.asarray(self.values)[indices] / np.asarray(self.prior_std)[indices]
+
     def with_values(self, values: Mapping[str, Any] | Float[Array, " param"]) -> Parameters:
         """The same parameters with other values: of some parameters by name, or of all in order."""
         if not isinstance(values, Mapping):

@@ -191,6 +191,11 @@ class Record(ResultObject):
         """The longest of `unbroken_parts`: (first row, rows); of equal ones the first."""
         return max(self.unbroken_parts, key=lambda part: part[1])
 
+    def first_unbroken_row(self, last: int) -> int:
+        """The first of the rows without a break that end at a row; the row after it where that row is broken."""
+        broken = np.flatnonzero(self.broken[: last + 1])
+        return int(broken[-1]) + 1 if len(broken) else 0
+
     def contains_windows(self, start_rows: np.ndarray | int, rows: int) -> np.ndarray:
         """Whether windows of `rows` rows lie within the record and contain no broken row.
 

@@ -146,7 +146,8 @@ class Prescription:
                 f"is then right with probability {self.now:.2f}."
             )
         if not self.actions:
-            tried = _list_of([f"logging the {_words_of(self.column)}"] if self.column else self._tried_words)
+            kinds = [_KIND_WORDS[kind] for kind in self.tried]
+            tried = _list_of([f"logging the {_words_of(self.column)}"] if self.column else kinds)
             return f"{self.question}, nothing that was tried is probably enough: {tried}."
         best, *others = self.actions
         text = (
@@ -159,10 +160,6 @@ class Prescription:
         if self.curve and max(probability for _, probability in self.curve) < HELPFUL:
             text += ". No further temperature sensor is probably enough"
         return f"{text}."
-
-    @property
-    def _tried_words(self) -> list[str]:
-        return [_KIND_WORDS[kind] for kind in self.tried]
 
     @property
     def step(self) -> str:

@@ -20,8 +20,9 @@ from ...inference.nuisance_kinds import FacePositions, SensorOffsets, SensorPosi
 from ...inference.parameters import Parameters, kind_of, target_of
 from ...models.flux_plates import face_noise_of_model
 from ..effect_fit import EffectFit
+from ..face_error_responses import FaceErrorResponses
 from ..model_with_effects import linearise
-from ..problem import DiagnosisProblem, binned_errors
+from ..problem import DiagnosisProblem
 from .present_record import PresentRecord
 from .separation import Explanation
 
@@ -61,11 +62,11 @@ def added_sensors(present: PresentRecord, positions: Sequence[float]) -> Iterato
         positions: m from the left face.
     """
     fits, problem, size = present.fits, present.problem, present.problem.sensor_count
-    of_present = _FaceErrorResponses(*problem.responses_to_face_errors(fits[0].parameters))
+    of_present = problem.responses_to_face_errors(fits[0].parameters)
     for first in range(0, len(positions), size):
         some = positions[first : first + size]
         parameters = [_moved(fit.parameters, problem.case.sensors, some) for fit in fits]
-        moved = _FaceErrorResponses(*problem.responses_at(_with_stated_faces(parameters[0])))
+        moved = problem.responses_at(_with_stated_faces(parameters[0]))
         predictions = [_Prediction.of(fit, at) for fit, at in zip(fits, parameters, strict=True)]
         for slot, position in enumerate(some):
             sensor = another_sensor(problem, position)
@@ -73,7 +74,7 @@ def added_sensors(present: PresentRecord, positions: Sequence[float]) -> Iterato
                 prediction.extend(one, sensor, slot)
                 for prediction, one in zip(predictions, present.explanations, strict=True)
             )
-            whitening = _whitening(fits[0], sensor, slot, of_present.beside(moved, slot))
+            whitening = _whitening(fits[0], sensor, slot, of_present.with_last(moved, slot))
             yield AddedSensor(sensor, slot, whitening, extended)
 
 
@@ -138,31 +139,7 @@ class _Prediction:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _FaceErrorResponses:
-    """How errors of the faces' readings change those of the instruments.
-
-    Args:
-        impulse: to an error of one row, `(face, row, instrument)`.
-        bending: by how the faces bend between their rows, `(error, time, instrument)`; None without plates.
-    """
-
-    impulse: np.ndarray
-    bending: np.ndarray | None
-
-    def beside(self, other: _FaceErrorResponses, index: int) -> _FaceErrorResponses:
-        """With one instrument of others as the last."""
-
-        def both(own: np.ndarray, others: np.ndarray) -> np.ndarray:
-            return np.concatenate([own, others[..., index : index + 1]], axis=2)
-
-        bending = None
-        if self.bending is not None and other.bending is not None:
-            bending = both(self.bending, other.bending)
-        return _FaceErrorResponses(both(self.impulse, other.impulse), bending)
-
-
-def _whitening(fit: EffectFit, sensor: Sensor, like: int, responses: _FaceErrorResponses) -> np.ndarray:
+def _whitening(fit: EffectFit, sensor: Sensor, like: int, responses: FaceErrorResponses) -> np.ndarray:
     """W of all readings with those of one more sensor, which has them in the rows of the sensor `like`."""
     problem = fit.problem
     observed, present = (np.asarray(rows) for rows in (problem.bins.observed, problem.bins.present))
@@ -173,8 +150,8 @@ def _whitening(fit: EffectFit, sensor: Sensor, like: int, responses: _FaceErrorR
     )
     stds = np.append(problem.noise_stds, sensor.noise_std)
     face_noise, errors = face_noise_of_model(problem.case)
-    bending = None if responses.bending is None else binned_errors(responses.bending, bins)
     shape = noise_shape_of_record(
-        problem.record, responses.impulse, bins, problem.spacing, stds, face_noise, errors, bending
-    )
+        problem.record, responses.impulse, bins, problem.spacing, stds, face_noise, errors,
+        responses.binned_bending(bins),
+    )  # fmt: skip
     return shape.covariance_like(fit.noise).whitening

@@ -13,7 +13,7 @@ import numpy as np
 from ...experiment_design.campaign_plan.typical_case import day_of_year
 from ...inference.nuisance_kinds import SensorPositions
 from ...inference.parameters import kind_of, target_of
-from ...records.weather_year import HOURS, WeatherYear, read_weather_year
+from ...records.weather_year import HOURS, WeatherYear
 from ..effect_fit import EffectFit
 from ..model_with_effects import first_order_columns, linearise
 from ..problem import DiagnosisProblem, EffectParameters, diagnosis_problem
@@ -181,14 +181,13 @@ class SwappedRecord(ChangedRecord):
         return self.own_whitening()
 
 
-def changed_records(present: PresentRecord) -> Iterator[CandidateRecord]:
-    """A heated record; one in the shade where the sun was logged; other seasons where the case has a typical year."""
+def changed_records(present: PresentRecord, weather: WeatherYear | None) -> Iterator[CandidateRecord]:
+    """A heated record; one in the shade where the sun was logged; other seasons where there is a typical year."""
     problem = present.problem
     yield HeatedRecord(present)
     if "irradiance" in problem.record.regressors:
         yield ShadedRecord(present)
-    if problem.case.plan is not None:
-        weather = read_weather_year(problem.case.planned_campaign.weather_file)
+    if weather is not None:
         year = HOURS // 24
         starts = 24 * np.linspace(0, year, _SEASONS, endpoint=False).astype(int) if present.days < year else []
         yield from (SeasonRecord(present, weather, int(start)) for start in starts)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
+from ...records.weather_year import WeatherYear
 from ..result.findings import Findings
 from .actions import EFFORTS, Action, ActionKind, Prescription, best_actions, score
 from .added_instrument import records_with_instrument
@@ -20,7 +21,9 @@ _PROBABLE_ENOUGH = 0.9  # from which no longer record is tried
 _REFITTED = 3  # actions whose probability is computed by refits
 
 
-def what_to_measure(findings: Findings, progress: Callable[[float], None]) -> tuple[Prescription, ...]:
+def what_to_measure(
+    findings: Findings, progress: Callable[[float], None], weather: WeatherYear | None = None
+) -> tuple[Prescription, ...]:
     """What to measure next, for each question that a diagnosis leaves open.
 
     Effects that the record cannot distinguish, a record that does not determine the diffusivity, and effects that
@@ -29,28 +32,32 @@ def what_to_measure(findings: Findings, progress: Callable[[float], None]) -> tu
     Args:
         findings: of the diagnosis.
         progress: called with the completed share, 0 to 1.
+        weather: of the typical year that the case states; None for none.
     """
     efforts = {**EFFORTS, **dict(findings.problem.case.choices.efforts)}
     if findings.verdict == "uninformative":
-        return (_for_uninformative(findings, efforts),)
+        return (_for_uninformative(findings, efforts, weather),)
     if findings.verdict == "unnamed":
         return tuple(_for_unlogged(findings, efforts))
     sets = list(confusable_sets(findings)) if findings.verdict == "confusable" else []
     return tuple(
-        _for_confusable(one, efforts, lambda share, k=k: progress((k + share) / len(sets)))
+        _for_confusable(one, efforts, lambda share, k=k: progress((k + share) / len(sets)), weather)
         for k, one in enumerate(sets)
     )
 
 
 def _for_confusable(
-    confusable: ConfusableSet, efforts: Mapping[str, float], progress: Callable[[float], None]
+    confusable: ConfusableSet,
+    efforts: Mapping[str, float],
+    progress: Callable[[float], None],
+    weather: WeatherYear | None,
 ) -> Prescription:
     """The actions for one set: all by the derivatives, then the best by refits."""
     present = confusable.present
     repeat = LongerRecord(present, 1.0)
     exact_repeat = refitted_separations(confusable, repeat)
     progress(0.3)
-    tried = _tried(present, lambda record: confusable.probability(confusable.separations(record)), efforts)
+    tried = _tried(present, lambda record: confusable.probability(confusable.separations(record)), efforts, weather)
     ranked = _best_of_each_kind(tried)
     actions = []
     for count, (record, action) in enumerate(ranked):
@@ -70,11 +77,11 @@ def _for_confusable(
     )
 
 
-def _for_uninformative(findings: Findings, efforts: Mapping[str, float]) -> Prescription:
+def _for_uninformative(findings: Findings, efforts: Mapping[str, float], weather: WeatherYear | None) -> Prescription:
     """The actions after which the diffusivity would be determined."""
     unknown = open_diffusivities(findings)
     now = unknown.probability(LongerRecord(unknown.present, 1.0))
-    tried = _tried(unknown.present, unknown.probability, efforts)
+    tried = _tried(unknown.present, unknown.probability, efforts, weather)
     actions = [action for _, action in _best_of_each_kind(tried)]
     return Prescription((), (), now, best_actions(actions, now), _kinds(tried), _sensor_curve(tried))
 
@@ -92,11 +99,14 @@ _Tried = list[tuple[CandidateRecord, Action]]
 
 
 def _tried(
-    present: PresentRecord, probability: Callable[[CandidateRecord], float], efforts: Mapping[str, float]
+    present: PresentRecord,
+    probability: Callable[[CandidateRecord], float],
+    efforts: Mapping[str, float],
+    weather: WeatherYear | None,
 ) -> _Tried:
     """Every candidate with its action; of longer records none past the first that is probable enough."""
     tried: _Tried = []
-    others = (*changed_records(present), *swapped_records(present), *longer_records(present))
+    others = (*changed_records(present, weather), *swapped_records(present), *longer_records(present))
     instruments = (*records_with_sensor(present), *records_with_instrument(present))
     for record in (*instruments, *others):
         if tried and isinstance(tried[-1][0], LongerRecord) and tried[-1][1].probability >= _PROBABLE_ENOUGH:

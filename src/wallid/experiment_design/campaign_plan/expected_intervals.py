@@ -179,6 +179,11 @@ def half_width(log_std: float) -> float:
     return math.expm1(min(_QUANTILE * log_std, 50.0)) if math.isfinite(log_std) else math.inf
 
 
+def times_as_wide(log_std: float, other: float) -> float:
+    """The half width of an interval over that of another one, from the standard errors of both."""
+    return half_width(log_std) / half_width(other)
+
+
 def chance_of_uninformative(
     log_stds: Float[np.ndarray, "weather diffusivity"],
     diffusivities: Sequence[float],

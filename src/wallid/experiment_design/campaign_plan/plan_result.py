@@ -15,7 +15,7 @@ from ...case.case_definition import Case
 from ...case.planned_campaign import PlannedCampaign
 from ...case.time_window import Window
 from ...models.wall_parameters import R_INSIDE, R_OUTSIDE
-from .expected_intervals import CampaignErrors, chance_of_uninformative, half_width
+from .expected_intervals import CampaignErrors, chance_of_uninformative, half_width, times_as_wide
 from .typical_case import conductivity_of
 
 if TYPE_CHECKING:
@@ -167,7 +167,7 @@ class CampaignPlan(ResultObject):
     @property
     def season_ratio(self) -> float:
         """The widest interval over that of the chosen first day; infinite where it determines nothing."""
-        return half_width(float(self.season.median.max())) / half_width(self._std_from_start)
+        return times_as_wide(float(self.season.median.max()), self._std_from_start)
 
     @property
     def _std_from_start(self) -> float:
@@ -259,7 +259,7 @@ class CampaignPlan(ResultObject):
         texts = []
         for one in self.tolerances:
             words, unit = units[one.name]
-            worst = half_width(float(one.errors[-1])) / half_width(float(one.errors.min()))
+            worst = times_as_wide(float(one.errors[-1]), float(one.errors.min()))
             coarsest = value_and_std(one.values[-1], 0.0, unit)
             if worst <= _TOLERATED:
                 texts.append(f"{words} {coarsest} are accurate enough: the record determines them")
