@@ -4,8 +4,9 @@
 
 Each record is a slab between smooth faces that its simulator knows every minute, by sine series: no part of wallid.
 Heat enters as a random process with a memory of 3 hours or 2 days: 3 K a day, the same everywhere in the wall, or
-5 W/m2 behind its right face, its density falling on a straight line over 8 cm (the model has exponentials). The record
-has two sensors inside, or a flux plate on each face. Each is estimated with `disturbance = "none"` and `"auto"`.
+5 W/m2 behind its right face. There its density falls on a straight line over 8 cm (the model has exponentials), or as
+an exponential over a depth of its own, from 1.25 to 10 cm. The record has two sensors inside, or a flux plate on each
+face. Each is estimated with `disturbance = "none"` and `"auto"`.
 
 Each record's outcome is appended to a log of JSON lines, so that a long run goes on where it ended.
 """
@@ -28,8 +29,10 @@ BEFORE = 10.0  # days
 SENSOR_STD, FACE_STD, FLUX_STD, GAIN_STD = 0.05, 0.02, 0.3, 0.02
 DAYS = {"sensors": 5.0, "plates": 3.0}
 STEP = {"sensors": 1800.0, "plates": 900.0}  # s
-HEATS, MEMORIES, OPTIONS = ("wall", "face", "nothing"), (3.0, 48.0), ("none", "auto")
+HEATS, MEMORIES, OPTIONS = ("wall", "face", "nothing", "decaying"), (3.0, 48.0), ("none", "auto")
 DEPTH = 0.08  # m, of the heat behind a face
+DECAYS = 0.0125, 0.1  # m, of the heat that decays from a face
+POINTS = np.linspace(0.0, 1.0, 3001)  # over the length, of a profile
 KEYS = ("logged", "heat", "memory", "number")
 """Where an outcome says which record it is of."""
 SEED = 2801  # fixed before the first record was estimated
@@ -56,16 +59,23 @@ def key_of(kind: Kind, number: int) -> tuple:
 
 def profile_of(heat: str) -> np.ndarray:
     """Where heat enters, at equal distances over the wall: everywhere, or behind the right face; of mean 1."""
-    x, depth = np.linspace(0.0, 1.0, 3001), DEPTH / LENGTH
-    return np.ones_like(x) if heat == "wall" else 2.0 / depth * np.maximum(1.0 - (1.0 - x) / depth, 0.0)
+    depth = DEPTH / LENGTH
+    return np.ones_like(POINTS) if heat == "wall" else 2.0 / depth * np.maximum(1.0 - (1.0 - POINTS) / depth, 0.0)
+
+
+def decaying(depth: float) -> np.ndarray:
+    """Heat that decays from the right face over a depth in m, at equal distances over the wall; of mean 1."""
+    share = depth / LENGTH
+    return np.exp(-(1.0 - POINTS) / share) / (share * -np.expm1(-1.0 / share))
 
 
 def heat_of(kind: Kind, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """The heat's rate at all times, K/s, and its profile over the wall."""
-    course, profile = random_process(count, FINE, kind.memory, rng), profile_of(kind.heat)
+    course = random_process(count, FINE, kind.memory, rng)
     if kind.heat == "wall":
-        return 3.0 / 86400.0 * course, profile
-    return (5.0 if kind.heat == "face" else 0.0) / (CAPACITY * LENGTH) * course, profile
+        return 3.0 / 86400.0 * course, profile_of("wall")
+    profile = decaying(np.exp(rng.uniform(*np.log(DECAYS)))) if kind.heat == "decaying" else profile_of(kind.heat)
+    return (0.0 if kind.heat == "nothing" else 5.0) / (CAPACITY * LENGTH) * course, profile
 
 
 def simulated(kind: Kind, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -206,6 +206,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument(
+        "--first", type=int, default=0, help="number of the first record tried: a count of another day goes on"
+    )
+    parser.add_argument(
         "--part", type=int, nargs=2, default=(0, 1), metavar=("K", "N"), help="every N-th record, from K"
     )
     given = parser.parse_args()
@@ -214,13 +217,13 @@ def main() -> None:
     for count, (name, number, spec) in enumerate(candidates(given.seed)):
         if time.monotonic() - start > 60 * given.minutes:
             break
-        if count % given.part[1] != given.part[0] or (name, number) in done:
+        if count < given.first or count % given.part[1] != given.part[0] or (name, number) in done:
             continue
         for line in one(name, number, spec):
-            lines.append(line)
+            lines.append(line | {"count": count})
             with given.log.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(line) + "\n")
-            print(json.dumps(line)[:400], flush=True)
+                file.write(json.dumps(lines[-1]) + "\n")
+            print(json.dumps(lines[-1])[:400], flush=True)
     print("\n".join(summary(lines)))
 
 

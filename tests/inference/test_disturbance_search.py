@@ -7,7 +7,14 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
-from wallid.inference.disturbance_search import LARGEST_STD, SHORTEST_TIME, RestrictedLikelihood, _prior_cost
+from wallid.inference.disturbance_covariance import DEPTHS_PER_DOUBLING
+from wallid.inference.disturbance_search import (
+    LARGEST_STD,
+    SHORTEST_TIME,
+    RestrictedLikelihood,
+    _prior_cost,
+    _widths,
+)
 
 COUNT, MISSING = 40, 7
 
@@ -67,3 +74,12 @@ def test_the_priors_are_as_stated():
     assert shorter / (shorter + longer) == pytest.approx(0.05, abs=1e-4)
     times = np.geomspace(60.0, 1e7, 400)
     assert min(_prior_cost(0.0, time) for time in times) == pytest.approx(0.0, abs=1e-3)
+
+
+@given(st.sets(st.integers(0, 24), min_size=1))
+def test_depths_weigh_by_what_they_stand_for(numbers):
+    """A density that is the same for all depths has the same integral, however many depths are tried."""
+    numbers = sorted(numbers)
+    widths = _widths(numbers)
+    assert list(widths) == numbers and min(widths.values()) > 0
+    assert sum(widths.values()) == pytest.approx(numbers[-1] - numbers[0] + DEPTHS_PER_DOUBLING)

@@ -32,8 +32,10 @@ from ..models.flux_plates import fluxes_of, full_order_model_with_plates
 from ..models.state_space import StateSpace
 from ..models.window_inputs import WindowData
 
-DEPTHS = (1.0 / 12.0, 1.0 / 24.0, 1.0 / 6.0, 1.0 / 3.0)
-"""Over the length: the depths over which heat behind a face may decay; the first is tried first."""
+DEPTHS_PER_DOUBLING = 8
+"""How many depths there are from one to its double: neighbours differ by 9 %."""
+DEPTHS = tuple(2.0 ** (number / DEPTHS_PER_DOUBLING) / 24.0 for number in range(3 * DEPTHS_PER_DOUBLING + 1))
+"""Over the length: the depths over which heat behind a face may decay, from 1/24 to 1/3."""
 HEAT_PROFILES = (
     HeatProfile("wall"),
     *(HeatProfile(face, depth) for depth in DEPTHS for face in ("left", "right")),

@@ -25,7 +25,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import scipy
@@ -35,7 +35,7 @@ from .._internal.result_object import ResultObject, plain_value
 from ..models.disturbance import Smoothness
 from ..models.finite_volume_wall import HeatProfile
 from ..records.face_variation import WHITE, NoiseMemory
-from .disturbance_covariance import DEPTHS, HEAT_PROFILES, DisturbedReadings
+from .disturbance_covariance import DEPTHS, DEPTHS_PER_DOUBLING, DisturbedReadings
 from .noise_covariance import BinnedReadings, NoiseCovariance, NoiseShape
 
 LARGEST_STD = 10.0
@@ -54,6 +54,9 @@ _NOISE_STEP = 0.25  # of ln v
 _NOISE_SIZES = np.exp(np.arange(-5.0, 5.1, _NOISE_STEP))
 _TIME_TOLERANCE, _SIZE_TOLERANCE = 0.05, 0.02  # of the logarithms at the best point
 _KEPT = 0.98  # probability of the places and time constants that a forecast averages over
+_FIRST_DEPTH = DEPTHS_PER_DOUBLING  # number of the depth that is tried at every time constant: 1/12
+_RESOLVED = 1.0  # of -2 log L, between a depth and its neighbours, below which none between them is tried
+_NEGLIGIBLE = 12.0  # of -2 log L, above the best depth's
 _SMOOTHNESS: tuple[Smoothness, ...] = ("matern-1/2", "matern-3/2")
 
 
@@ -298,12 +301,11 @@ def find_disturbance(
         memory: shape of the noise beside the disturbance.
     """
     search = _Search(readings, shape, step, likelihood, memory)
-    search.try_all(product(HEAT_PROFILES[:3], search.times))
-    first = search.best.place
-    if first.profile.place != "wall":
-        deeper = [HeatProfile(first.profile.place, depth) for depth in DEPTHS[1:]]
-        number = search.times.index(first.time_constant)
-        search.try_all(product(deeper, search.times[max(number - 1, 0) : number + 2]))
+    first = HeatProfile("wall"), HeatProfile("left", DEPTHS[_FIRST_DEPTH]), HeatProfile("right", DEPTHS[_FIRST_DEPTH])
+    search.try_all(product(first, search.times))
+    face, time_constant = search.best.place.profile.place, search.best.place.time_constant
+    if face != "wall":
+        search.try_depths(face, time_constant)
     best, posterior = search.refined(), search.posterior()
     none = likelihood.at(search.noise).cost
     if without is not None:
@@ -364,6 +366,7 @@ class _Search:
         window = step * shape.rows_per_bin * shape.bin_count
         self.times: list[float] = np.geomspace(max(2.0 * step, 900.0), max(window, 8.0 * step), _TIMES).tolist()
         self.tried: list[_Tried] = []
+        self._widths: dict[HeatProfile, float] = {}
         self._units: dict[_Place, tuple[float, Callable[[float], _Point]]] = {}
 
     def noise_of(self, memory: NoiseMemory) -> np.ndarray:
@@ -391,6 +394,49 @@ class _Search:
         for profile, time_constant in places:
             self.tried += [self.at(_Place(profile, time_constant), size) for size in _SIZES.tolist()]
 
+    def try_depths(self, face: Literal["left", "right"], time_constant: float) -> None:
+        """Try other depths behind a face: each double, then halfway to the best one's neighbours, ever closer.
+
+        Where the best depth and its neighbours are about as probable, none between them is tried. The probable ones are
+        then tried at the neighbouring time constants.
+
+        Args:
+            face: behind which heat of the first depth was tried.
+            time_constant: of the best disturbance there, of the grid.
+        """
+        costs: dict[int, float] = {}
+
+        def try_depth(number: int) -> None:
+            if number not in costs and 0 <= number < len(DEPTHS):
+                costs[number] = self._lowest_cost(HeatProfile(face, DEPTHS[number]), time_constant)
+
+        spacing = DEPTHS_PER_DOUBLING
+        for number in range(0, len(DEPTHS), spacing):
+            try_depth(number)
+        while spacing > 1:
+            best = min(costs, key=lambda number: costs[number])
+            beside = [costs[number] for number in (best - spacing, best + spacing) if number in costs]
+            if max(beside) - costs[best] < _RESOLVED:
+                break
+            spacing //= 2
+            try_depth(best - spacing)
+            try_depth(best + spacing)
+        for number, width in _widths(sorted(costs)).items():
+            self._widths[HeatProfile(face, DEPTHS[number])] = width / DEPTHS_PER_DOUBLING
+        limit = min(costs.values()) + _NEGLIGIBLE
+        probable = [HeatProfile(face, DEPTHS[number]) for number, cost in costs.items() if cost < limit]
+        at = self.times.index(time_constant)
+        beside_it = self.times[max(at - 1, 0) : at] + self.times[at + 1 : at + 2]
+        known = {one.place for one in self.tried}
+        self.try_all(place for place in product(probable, beside_it) if _Place(*place) not in known)
+
+    def _lowest_cost(self, profile: HeatProfile, time_constant: float) -> float:
+        """The lowest cost of all sizes at a profile and a time constant, which are tried unless they have been."""
+        place = _Place(profile, time_constant)
+        if all(one.place != place for one in self.tried):
+            self.try_all([(profile, time_constant)])
+        return min(one.point.cost for one in self.tried if one.place == place)
+
     @property
     def best(self) -> _Tried:
         """The disturbance of the grid with the lowest cost."""
@@ -399,11 +445,13 @@ class _Search:
     def posterior(self) -> list[tuple[float, _Tried]]:
         """The disturbances of the grid, each with its probability.
 
-        The grid is even in the logarithm of the size, its prior is a density of the size: each weighs by its size.
+        The grid is even in the logarithm of the size, its prior is a density of the size: each weighs by its size. A
+        depth weighs by the doublings for which it stands.
         """
         costs = np.array([one.point.cost for one in self.tried])
         sizes = np.array([one.std for one in self.tried])
-        weights = np.exp(-0.5 * (costs - costs.min())) * sizes
+        widths = np.array([self._widths.get(one.place.profile, 1.0) for one in self.tried])
+        weights = np.exp(-0.5 * (costs - costs.min())) * sizes * widths
         return list(zip((weights / weights.sum()).tolist(), self.tried, strict=True))
 
     def most_probable(self, posterior: list[tuple[float, _Tried]]) -> tuple[tuple[float, _Process], ...]:
@@ -440,6 +488,14 @@ class _Search:
         """The minimum over sizes up to four times smaller or larger than a first one."""
         bounds = math.log(size / 4.0), math.log(size * 4.0)
         return _minimum_between(lambda log_size: self.at(place, math.exp(log_size)), bounds, _SIZE_TOLERANCE)
+
+
+def _widths(numbers: list[int]) -> dict[int, float]:
+    """How much each of some ascending numbers stands for: half of the way to its neighbours; half a doubling beyond."""
+    middles = 0.5 * np.add(numbers[1:], numbers[:-1])
+    beyond = 0.5 * DEPTHS_PER_DOUBLING
+    edges = np.concatenate([[numbers[0] - beyond], middles, [numbers[-1] + beyond]])
+    return dict(zip(numbers, np.diff(edges).tolist(), strict=True))
 
 
 def _minimum_between(at: Callable[[float], _Tried], bounds: tuple[float, float], tolerance: float) -> _Tried:
