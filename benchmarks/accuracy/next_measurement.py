@@ -18,7 +18,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -214,13 +214,14 @@ def main() -> None:
     given = parser.parse_args()
     lines = [json.loads(text) for text in given.log.read_text().splitlines()] if given.log.exists() else []
     done, start = {(line["name"], line["number"]) for line in lines}, time.monotonic()
-    for count, (name, number, spec) in enumerate(candidates(given.seed)):
+    part, parts = given.part
+    for count, (name, number, spec) in islice(enumerate(candidates(given.seed)), given.first + part, None, parts):
         if time.monotonic() - start > 60 * given.minutes:
             break
-        if count < given.first or count % given.part[1] != given.part[0] or (name, number) in done:
+        if (name, number) in done:
             continue
         for line in one(name, number, spec):
-            lines.append(line | {"count": count})
+            lines.append({"count": count} | line)
             with given.log.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(lines[-1]) + "\n")
             print(json.dumps(lines[-1])[:400], flush=True)

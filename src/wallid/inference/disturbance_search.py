@@ -13,7 +13,8 @@ disturbance to nothing, and to a constant (the joint prior of Fuglstad and other
 
 95 % of the sizes are below `LARGEST_STD`, and 95 % of the time constants above `SHORTEST_TIME`. The prior of `ln v` is
 that of the Whittle likelihood. The places and a grid of sizes and time constants give the posterior over them, and
-from it the spread of every parameter and of a forecast.
+from it the spread of every parameter and of a forecast. The depths of heat behind a face are tried ever closer about
+the most probable one, and each weighs by the part of the range for which it stands.
 
 Source: D. A. Harville, J. Am. Stat. Assoc. 72 (1977), 320; G.-A. Fuglstad, D. Simpson, F. Lindgren, H. Rue, J. Am.
 Stat. Assoc. 114 (2019), 445; H. Rue and others, J. R. Stat. Soc. B 71 (2009), 319.
@@ -350,7 +351,6 @@ class _Search:
     Attributes:
         noise: the covariance of noise of the stated size.
         times: time constants of the grid, s.
-        tried: the disturbances of the grid.
     """
 
     def __init__(
@@ -365,8 +365,8 @@ class _Search:
         self.noise = self.noise_of(memory)
         window = step * shape.rows_per_bin * shape.bin_count
         self.times: list[float] = np.geomspace(max(2.0 * step, 900.0), max(window, 8.0 * step), _TIMES).tolist()
-        self.tried: list[_Tried] = []
-        self._widths: dict[HeatProfile, float] = {}
+        self._tried: dict[_Place, list[_Tried]] = {}
+        self._doublings: dict[HeatProfile, float] = {}  # of the depth, for which a profile stands; else 1
         self._units: dict[_Place, tuple[float, Callable[[float], _Point]]] = {}
 
     def noise_of(self, memory: NoiseMemory) -> np.ndarray:
@@ -390,9 +390,15 @@ class _Search:
         return _Tried(place, size, std, point._replace(cost=point.cost + _prior_cost(std, place.time_constant)))
 
     def try_all(self, places: Iterable[tuple[HeatProfile, float]]) -> None:
-        """Try all sizes at further profiles and time constants."""
-        for profile, time_constant in places:
-            self.tried += [self.at(_Place(profile, time_constant), size) for size in _SIZES.tolist()]
+        """Try all sizes at the profiles and time constants that have not been tried."""
+        for place in (_Place(profile, time_constant) for profile, time_constant in places):
+            if place not in self._tried:
+                self._tried[place] = [self.at(place, size) for size in _SIZES.tolist()]
+
+    @property
+    def tried(self) -> list[_Tried]:
+        """The disturbances of the grid."""
+        return [one for own in self._tried.values() for one in own]
 
     def try_depths(self, face: Literal["left", "right"], time_constant: float) -> None:
         """Try other depths behind a face: each double, then halfway to the best one's neighbours, ever closer.
@@ -408,7 +414,9 @@ class _Search:
 
         def try_depth(number: int) -> None:
             if number not in costs and 0 <= number < len(DEPTHS):
-                costs[number] = self._lowest_cost(HeatProfile(face, DEPTHS[number]), time_constant)
+                place = _Place(HeatProfile(face, DEPTHS[number]), time_constant)
+                self.try_all([place[:2]])
+                costs[number] = min(one.point.cost for one in self._tried[place])
 
         spacing = DEPTHS_PER_DOUBLING
         for number in range(0, len(DEPTHS), spacing):
@@ -422,20 +430,11 @@ class _Search:
             try_depth(best - spacing)
             try_depth(best + spacing)
         for number, width in _widths(sorted(costs)).items():
-            self._widths[HeatProfile(face, DEPTHS[number])] = width / DEPTHS_PER_DOUBLING
+            self._doublings[HeatProfile(face, DEPTHS[number])] = width / DEPTHS_PER_DOUBLING
         limit = min(costs.values()) + _NEGLIGIBLE
         probable = [HeatProfile(face, DEPTHS[number]) for number, cost in costs.items() if cost < limit]
         at = self.times.index(time_constant)
-        beside_it = self.times[max(at - 1, 0) : at] + self.times[at + 1 : at + 2]
-        known = {one.place for one in self.tried}
-        self.try_all(place for place in product(probable, beside_it) if _Place(*place) not in known)
-
-    def _lowest_cost(self, profile: HeatProfile, time_constant: float) -> float:
-        """The lowest cost of all sizes at a profile and a time constant, which are tried unless they have been."""
-        place = _Place(profile, time_constant)
-        if all(one.place != place for one in self.tried):
-            self.try_all([(profile, time_constant)])
-        return min(one.point.cost for one in self.tried if one.place == place)
+        self.try_all(product(probable, self.times[max(at - 1, 0) : at + 2]))
 
     @property
     def best(self) -> _Tried:
@@ -448,11 +447,12 @@ class _Search:
         The grid is even in the logarithm of the size, its prior is a density of the size: each weighs by its size. A
         depth weighs by the doublings for which it stands.
         """
-        costs = np.array([one.point.cost for one in self.tried])
-        sizes = np.array([one.std for one in self.tried])
-        widths = np.array([self._widths.get(one.place.profile, 1.0) for one in self.tried])
-        weights = np.exp(-0.5 * (costs - costs.min())) * sizes * widths
-        return list(zip((weights / weights.sum()).tolist(), self.tried, strict=True))
+        tried = self.tried
+        costs = np.array([one.point.cost for one in tried])
+        sizes = np.array([one.std for one in tried])
+        doublings = np.array([self._doublings.get(one.place.profile, 1.0) for one in tried])
+        weights = np.exp(-0.5 * (costs - costs.min())) * sizes * doublings
+        return list(zip((weights / weights.sum()).tolist(), tried, strict=True))
 
     def most_probable(self, posterior: list[tuple[float, _Tried]]) -> tuple[tuple[float, _Process], ...]:
         """The places that hold almost all of the posterior, each with the mean variances of its heat and its noise."""
