@@ -42,7 +42,7 @@ class Forecast(Kind):
 def kinds(days: float) -> list[Forecast]:
     """The kinds of records, with so many days before the origin."""
     logged = ("sensors", "wall"), ("plates", "face")
-    return [Forecast(*one, memory, days) for one, memory in product(logged, MEMORIES)]
+    return [Forecast(*one, memory, days=days) for one, memory in product(logged, MEMORIES)]
 
 
 def forecast(kind: Forecast, number: int) -> dict:

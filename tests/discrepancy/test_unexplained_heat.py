@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from benchmarks.accuracy.disturbance import CAPACITY, DIFFUSIVITY, FINE, LENGTH, SENSOR_STD, STEP, Kind
+from benchmarks.reference.analytic_slab import random_process
 from heated_walls import case_of, hidden_heat
 from scipy.signal import lfilter
 
@@ -75,12 +76,28 @@ def test_it_says_how_large_in_flux_and_what_it_follows(left):
     assert json.dumps(left.to_dict(), allow_nan=False)
 
 
+def test_its_spectrum_is_that_of_a_process(left):
+    """A year of a process of its size and memory, at steps of half an hour; then a daily cycle."""
+    memory = left.disturbance.time_constant / 3600.0
+    assert left.disturbance.smoothness == "matern-1/2"
+    course = left.disturbance.std * random_process(365 * 48, 1800.0, memory, np.random.default_rng(4))
+    year = replace(left, days=np.arange(365 * 48) / 48.0, course=course)
+    periods, power, of_process = year.spectrum
+    slow = periods > 8.0  # at a step of half an hour the faster ones are folded
+    assert np.mean(power[slow] / of_process[slow]) == pytest.approx(1.0, abs=0.1)
+    assert np.sum(power) * (1.0 / periods[0]) == pytest.approx(np.var(course), rel=0.1)
+    daily = replace(left, course=np.sin(2.0 * np.pi * left.days))
+    assert daily.spectrum[0][np.argmax(daily.spectrum[1])] == pytest.approx(24.0, rel=0.01)
+
+
 def test_its_figures(left):
     ax = plot.heat_course(left)
     assert len(ax.lines[0].get_ydata()) == KIND.rows and "K a day" in ax.get_ylabel()
     hours, mean = left.mean_day
     day = plot.heat_of_day(left)
     assert day.lines[0].get_ydata()[:-1] == pytest.approx(mean) and len(hours) == 48
+    spectrum = plot.heat_spectrum(left)
+    assert spectrum.lines[-1].get_xdata() == pytest.approx(left.spectrum[0]) and "K²" in spectrum.get_ylabel()
     short = replace(left, days=left.days[:40], course=left.course[:40], std=left.std[:40])
     with pytest.raises(ValueError, match="at least two days"):
         plot.heat_of_day(short)

@@ -103,6 +103,15 @@ def test_the_depth_of_heat_behind_a_face_is_found_between_the_doubled_ones(numbe
     assert abs(np.log(fit.diffusivity / DIFFUSIVITY)) < 2 * fit.log_std
 
 
+def test_a_default_that_is_stated_changes_nothing():
+    """With plates a disturbance is searched for where the noise is estimated, by default or as stated."""
+    case = case_of(Kind("plates", "wall", 48.0))
+    assert case.choices.disturbance is None and case.choices.noise is None
+    default = wallid.estimate(case)
+    stated = wallid.estimate(replace(case, choices=replace(case.choices, noise="estimated")))
+    assert default.disturbance is not None and stated.value == default.value and stated.std == default.std
+
+
 def test_without_hidden_heat_nothing_is_found():
     """With "on" the size is small and the interval hardly wider."""
     case = case_of(Kind("sensors", "nothing", 3.0))

@@ -23,6 +23,7 @@ from wallid.inference.filter_model import filter_model
 from wallid.inference.generalised_least_squares import fit_generalised_least_squares
 from wallid.models.flux_plates import full_order_model_with_plates
 from wallid.models.window_inputs import window_data
+from wallid.records.cleaning_log import RecordBreak
 from wallid.report.page import page_environment
 
 
@@ -189,6 +190,39 @@ def test_a_time_with_an_offset_is_that_of_the_records_zone():
     for time in (record.stamp(100), "2026-03-03T01:00:00Z", "2026-03-03T02:00", "2026-03-02T20:00-05:00"):
         assert row_at(record, "--from", time) == 100
     assert row_at(replace(record, zone="Z"), "--from", "2026-03-03T02:00:00Z") == 100
+
+
+def test_a_time_without_an_offset_is_on_the_clock_of_the_file():
+    """The record keeps the offset of its first row; the clock of the file is changed on 29 March 2026."""
+    record = case_of().record
+    stamps = np.datetime64("2026-03-27T00:00", "ns") + (1e9 * record.time).astype("timedelta64[ns]")
+    record = replace(record, stamps=stamps, zone="+01:00", timezone="Europe/Berlin")
+    assert record.step == 1800.0 and record.stamp(170) == "2026-03-30T13:00:00+01:00"
+    for time in ("2026-03-30T14:00", "2026-03-30T12:00:00Z", record.stamp(170)):
+        assert row_at(record, "--from", time) == 170
+    assert row_at(record, "--from", "2026-03-28T12:00") == 72
+
+
+def test_a_record_of_seconds_keeps_its_times(found):
+    stamps = 1_700_000_000.0 + found.case.record.time
+    in_seconds = replace(found, case=replace(found.case, record=replace(found.case.record, stamps=stamps)))
+    rows = in_seconds.to_csv().splitlines()[1:]
+    first = found.window.row + found.first
+    assert [float(row.split(",")[0]) for row in rows] == stamps[first : first + len(rows)].tolist()
+    for time in ("nan", np.inf):
+        with pytest.raises(wallid.InputError, match="has seconds"):
+            row_at(in_seconds.case.record, "--from", time)
+
+
+def test_a_break_after_the_time_says_what_to_do():
+    record = case_of().record
+    fill_std = np.zeros((record.rows, 2))
+    fill_std[120:150] = np.inf
+    gap = RecordBreak(120, 30, "2026-03-03T11:30", "2026-03-04T03:00", 15.5, ("left", "right"))
+    broken = replace(record, fill_std=fill_std, cleaning=replace(record.cleaning, breaks=(gap,)))
+    case = replace(case_of(), record=broken)
+    with pytest.raises(wallid.InputError, match="--faces persistence"):
+        wallid.forecast(case, "2026-03-03T00:00")
 
 
 def test_figures(found):

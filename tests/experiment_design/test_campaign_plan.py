@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 import wallid
 from wallid._internal.number_formats import counted, date_of
 from wallid._internal.progress import no_progress
+from wallid.case.options import Choices
 from wallid.case.planned_campaign import CampaignSettings
 from wallid.case.wizard_plan import PlanAnswers, new_plan, parse_azimuth, parse_indoor
 from wallid.cli.commands import app
@@ -244,9 +245,10 @@ def test_a_campaign_may_go_past_the_end_of_the_year(folder):
 
 
 def test_a_day_is_planned_whatever_the_windows_of_a_design_are(folder):
-    """`window_days` is three by default."""
+    """`window_days` is three by default, and may be less than a record of hours can have."""
     text = CASE.replace('plates = ["right"]\n', "").replace("sensors = 2", "sensors = 1")
-    (folder / "short.toml").write_text(text.replace("days = 14", "days = 1"))
+    options = "[choices]\nwindow_days = 0.1\ndiagnose_days = 0.2\n"  # two rows of an hour, and five
+    (folder / "short.toml").write_text(text.replace("days = 14", "days = 1") + options)
     found = wallid.plan(wallid.load_campaign(folder / "short.toml"))
     assert found.days == 1.0 and len(found.curves[0].days) == 1
 
@@ -291,6 +293,13 @@ def test_settings_that_cannot_be(folder):
     with pytest.raises(wallid.InputError, match='"unheated"'):
         CampaignSettings(**good, indoor="warm")
     assert CampaignSettings(**good, plates="left", sensors=0).plates == ("left",)
+    with pytest.raises(wallid.InputError, match='plates = 1; it must be a list of "left", "right"'):
+        CampaignSettings(**good, plates=1)
+    with pytest.raises(wallid.InputError, match="free = 1; it must be a list"):
+        Choices(free=1)
+    (folder / "far.toml").write_text(CASE + '[[sensor]]\nname = "T1"\nposition = 7.0\nnoise_std = 0.05\n')
+    with pytest.raises(wallid.InputError, match="not inside the wall"):
+        wallid.load_campaign(folder / "far.toml")
 
 
 def test_other_commands_say_that_a_record_is_needed(folder):
@@ -329,6 +338,27 @@ def test_a_new_plan_by_questions(tmp_path):
         with pytest.raises(wallid.InputError, match="must be a number"):
             parse(text)
     assert not os.path.exists(tmp_path / "other.toml")
+
+
+def test_a_new_plan_by_options(tmp_path):
+    shutil.copy(TMY3, tmp_path / "weather.csv")
+    new = ["new", "--plan", str(tmp_path / "weather.csv"), "--length", "0.4", "--azimuth", "S"]
+    result = CliRunner().invoke(app, [*new, "--sensors", "1", "--plates", "2", "--days", "9"])
+    assert result.exit_code == 0, result.output
+    settings = wallid.load_campaign(tmp_path).settings
+    assert (settings.sensors, settings.plates, settings.days) == (1, ("left", "right"), 9.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--plan", "w.epw", "--noise", "0.1", "--sensor", "T1=0.1"], "--sensor, --noise: only without --plan"),
+        (["a.csv", "--days", "9", "--indoor", "20"], "--indoor, --days: only with --plan"),
+    ],
+)
+def test_new_refuses_options_that_it_would_not_use(options, message):
+    result = CliRunner().invoke(app, ["new", *options])
+    assert result.exit_code == 2 and message in result.output
 
 
 def test_the_command_writes_the_plan(folder, tmp_path):

@@ -53,6 +53,23 @@ def test_the_states_have_the_covariance_of_the_process(smoothness):
     assert white[-1, -1] < 0.0
 
 
+@pytest.mark.parametrize("smoothness", SMOOTHNESS)
+def test_the_spectral_density_is_the_transform_of_the_covariance(smoothness):
+    """By SciPy's quadrature; its integral over positive frequencies is the variance."""
+    process = MaternProcess(2.0, 0.3, smoothness)
+
+    def covariance(time):
+        return float(process.covariance(jnp.asarray(time)))
+
+    frequencies = np.array([0.1, 1.0, 3.0])
+    found = process.spectral_density(frequencies)
+    for one, frequency in zip(found, frequencies, strict=True):
+        by_quadrature, _ = scipy.integrate.quad(covariance, 0.0, 12.0, weight="cos", wvar=2.0 * np.pi * frequency)
+        assert float(one) == pytest.approx(4.0 * by_quadrature, rel=1e-6)
+    fine = np.geomspace(1e-5, 1e5, 20_001)
+    assert scipy.integrate.simpson(process.spectral_density(fine), x=fine) == pytest.approx(4.0, rel=1e-3)
+
+
 @pytest.mark.parametrize("layers", [(), LAYERS])
 @pytest.mark.parametrize("profile", range(3))
 def test_steady_heat_leaves_through_the_faces(profile, layers):

@@ -155,6 +155,17 @@ def one_of(name: str, value: object, allowed: Sequence[str]) -> str:
     return value
 
 
+def some_of(name: str, value: object, allowed: Sequence[str]) -> tuple[str, ...]:
+    """Some of the allowed texts, in their order; one text stands for a list of one."""
+    words = ", ".join(f'"{word}"' for word in allowed)
+    if not isinstance(value, str | Sequence | set | frozenset):
+        raise InputError(f"{name} = {format_value(value)}; it must be a list of {words}")
+    stated = (value,) if isinstance(value, str) else tuple(value)
+    for one in stated:
+        one_of(name, one, allowed)
+    return tuple(one for one in allowed if one in stated)
+
+
 def set_fields(instance: object, **values: object) -> None:
     """Set fields of a frozen dataclass, in its `__post_init__`."""
     for name, value in values.items():

@@ -142,11 +142,12 @@ def campaign_of(content: bytes, path: Path) -> PlannedCampaign:
             raise InputError("has a [section]: a plan is for a wall in one dimension; leave [section] out")
         checked_table(document, ("wall", "plan"), optional)
         name, description = _name_and_description(document, path)
-        sensors = parse_sensors(document.get("sensor", []))
+        wall, sensors = parse_wall(document["wall"]), parse_sensors(document.get("sensor", []))
+        check_sensors(wall, sensors)
         return PlannedCampaign(
             name=name,
             path=path,
-            wall=parse_wall(document["wall"]),
+            wall=wall,
             settings=_parse_plan(document["plan"]),
             sensor=first_or_typical(sensors),
             choices=parse_choices(document.get("choices", {}), sensors),

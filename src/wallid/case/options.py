@@ -8,7 +8,7 @@ from typing import Literal, no_type_check
 
 from .._internal.errors import InputError
 from .._internal.units import DAY
-from .._internal.validation import integer, number, number_tuple, one_of, set_fields
+from .._internal.validation import integer, number, number_tuple, one_of, set_fields, some_of
 from ..records.table_columns import MIN_ROWS
 from ..records.uniform_record import Record
 
@@ -47,7 +47,7 @@ class Choices:
         disturbance: heat that the model does not know, as a random process in a part of the wall. "none"; "auto": it is
             used where the record has evidence for it; "on": it is always used. Its size, time constant and place are
             estimated, and the interval contains their uncertainty. It needs noise that is estimated. None gives "auto"
-            for a record with a heat flux and no choice of `noise`, else "none".
+            for a record with a heat flux and estimated noise, else "none".
         free: parameters of the wall that are estimated in addition to the diffusivity: "layers" (the conductivity of
             each layer relative to that of the first), "film_left", "film_right" (the surface resistance, where the
             column of that face is the air temperature), "materials" (conductivity and heat capacity of each material of
@@ -87,9 +87,7 @@ class Choices:
                 f'noise = "{self.noise}" and disturbance = "{self.disturbance}": a disturbance is found beside noise '
                 "whose size is estimated; state only one of them"
             )
-        free = (self.free,) if isinstance(self.free, str) else tuple(self.free)
-        for part in free:
-            one_of("free", part, FREE_PARAMETERS)
+        free = some_of("free", self.free, FREE_PARAMETERS)
         if not isinstance(self.efforts, Mapping | tuple):
             raise InputError(f"efforts = {self.efforts!r}; it must be a table such as {{ sensor = 5.0 }}")
         efforts = dict(self.efforts)
@@ -98,7 +96,7 @@ class Choices:
         set_fields(
             self,
             efforts=tuple((kind, number(f"efforts.{kind}", one, minimum=0.0)) for kind, one in efforts.items()),
-            free=tuple(part for part in FREE_PARAMETERS if part in free),
+            free=free,
             window_days=number("window_days", self.window_days, "days", above=0.0, maximum=_MAX_DAYS),
             order="auto" if self.order == "auto" else integer("order", self.order, 1, 60, alternative='or "auto"'),
             nodes=integer("nodes", self.nodes, 5, _MAX_NODES),

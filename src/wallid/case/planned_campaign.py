@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal, no_type_check
 
 from .._internal.errors import InputError
-from .._internal.validation import integer, number, one_of, set_fields, text
+from .._internal.validation import integer, number, set_fields, some_of, text
 from .options import Choices
 from .wall_and_sensors import SIDES, Sensor, Side, Wall
 
@@ -52,9 +52,6 @@ class CampaignSettings:
     uncertainty: float = 1.5
 
     def __post_init__(self) -> None:
-        plates = (self.plates,) if isinstance(self.plates, str) else tuple(self.plates)
-        for plate in plates:
-            one_of("plates", plate, SIDES)
         indoor = self.indoor
         if indoor != UNHEATED:
             indoor = number("indoor", indoor, "degC", minimum=-60.0, alternative=f'or "{UNHEATED}"')
@@ -65,7 +62,7 @@ class CampaignSettings:
             tilt=number("tilt", self.tilt, "degrees", minimum=0.0, maximum=180.0),
             indoor=indoor,
             sensors=integer("sensors", self.sensors, 0, _MOST_SENSORS),
-            plates=tuple(side for side in SIDES if side in plates),
+            plates=some_of("plates", self.plates, SIDES),
             days=number("days", self.days, "days", minimum=1.0, maximum=_LONGEST),
             uncertainty=number("uncertainty", self.uncertainty, above=1.0, maximum=10.0),
         )

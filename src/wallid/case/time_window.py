@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Protocol, runtime_checkable
+from zoneinfo import ZoneInfo
 
 import numpy as np
 
@@ -53,7 +54,8 @@ def row_at(record: Record, option: str, time: str | float | int, *, beyond: int 
     Args:
         record: of the case.
         option: by which the time is stated, for messages.
-        time: as in the record: ISO 8601, or s where it has seconds.
+        time: as in the record's file, on its clock: ISO 8601, with an offset from UTC or without, or s where it has
+            seconds.
         beyond: rows after the last that are allowed.
 
     Raises:
@@ -64,13 +66,17 @@ def row_at(record: Record, option: str, time: str | float | int, *, beyond: int 
             moment = datetime.fromisoformat(str(time))
         except ValueError:
             raise InputError(f"{option} {time}: it must be a time such as {record.stamp(0)}") from None
+        if moment.tzinfo is None and record.timezone is not None:  # the record keeps the offset of its first row
+            moment = moment.replace(tzinfo=ZoneInfo(record.timezone))
         local = moment if moment.tzinfo is None else _local_time(moment, record, option)
         seconds = float((np.datetime64(local.replace(tzinfo=None)) - record.stamps[0]) / np.timedelta64(1, "s"))
     else:
         try:
             seconds = float(time) - float(record.stamps[0])
         except ValueError:
-            raise InputError(f"{option} {time}: the record has seconds; state such as {record.stamp(0):g}") from None
+            seconds = math.nan
+        if not math.isfinite(seconds):
+            raise InputError(f"{option} {time}: the record has seconds; state such as {record.stamp(0):g}")
     row = math.ceil(seconds / record.step - 1e-6)
     last = record.rows - 1 + beyond
     if not 0 < row <= last:

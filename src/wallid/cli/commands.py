@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -110,6 +111,7 @@ def _stages(lengths: bool) -> tuple[str, ...]:
 
 @app.command()
 def new(
+    context: typer.Context,
     record: Annotated[
         Path,
         typer.Argument(metavar="RECORD", help="The logger's file: CSV with a header. With --plan: the weather file."),
@@ -125,6 +127,13 @@ def new(
     indoor: Annotated[
         str | None, typer.Option("--indoor", help='With --plan: temperature of the room, degC, or "unheated".')
     ] = None,
+    sensors: Annotated[
+        int | None, typer.Option("--sensors", help="With --plan: the largest number of sensors inside the wall.")
+    ] = None,
+    plates: Annotated[
+        int | None, typer.Option("--plates", help="With --plan: number of heat flux plates, 0 to 2.")
+    ] = None,
+    days: Annotated[float | None, typer.Option("--days", help="With --plan: the longest campaign, days.")] = None,
     length: Annotated[str | None, typer.Option("--length", help='Thickness of the wall: 0.43 (m) or "43 cm".')] = None,
     left: Annotated[str | None, typer.Option("--left", help="The column of the face at x = 0.")] = None,
     right: Annotated[str | None, typer.Option("--right", help="The column of the face at x = length.")] = None,
@@ -178,8 +187,12 @@ def new(
     finished case cannot be used, it says why and asks again. Without a terminal a missing value is an error; a case
     that cannot be used is written all the same, with exit status 2 and what must be edited.
     """
+    _refuse_options(context, *((_OF_RECORDS, "without --plan") if plan else (_OF_PLANS, "with --plan")))
     if plan:
-        _new_plan(record, length, outside, azimuth, indoor, conductivity, prior, to, force, quiet)
+        answers = PlanAnswers(
+            outside=outside, conductivity=conductivity, prior=prior, sensors=sensors, plates=plates, days=days
+        )
+        _new_plan(record, answers, length, azimuth, indoor, to, force, quiet)
         return
     columns = {
         "flux_left": flux_left, "flux_right": flux_right, "irradiance": irradiance, "air_outdoor": air_outdoor,
@@ -207,27 +220,40 @@ def new(
         print_output(f"{case}\n\n{wrote}")
 
 
+_OF_PLANS = ("azimuth", "indoor", "sensors", "plates", "days")
+"""Options of `new` for a campaign that is to be planned."""
+_OF_RECORDS = (
+    "left", "right", "sensor", "time", "flux_left", "flux_right", "irradiance", "air_outdoor", "air_indoor", "noise",
+    "unit", "day_first", "timezone",
+)  # fmt: skip
+"""Options of `new` for a logger's file."""
+
+
+def _refuse_options(context: typer.Context, names: Sequence[str], where: str) -> None:
+    """End with an error where options are stated that the command would not use."""
+    sources = {name: context.get_parameter_source(name) for name in names}
+    given = {name for name, source in sources.items() if source is not None and source.name == "COMMANDLINE"}
+    if stated := [parameter.opts[0] for parameter in context.command.params if parameter.name in given]:
+        exit_with_error(InputError(f"{', '.join(stated)}: only {where}"))
+
+
 def _new_plan(
     weather: Path,
+    answers: PlanAnswers,
     length: str | None,
-    outside: str | None,
     azimuth: str | None,
     indoor: str | None,
-    conductivity: float | None,
-    prior: float,
     to: Path | None,
     force: bool,
     quiet: bool,
 ) -> None:
     """Write a case file for a campaign that is to be planned."""
     try:
-        answers = PlanAnswers(
+        answers = replace(
+            answers,
             length=None if length is None else parse_length("--length", length),
-            outside=outside,
             azimuth=None if azimuth is None else parse_azimuth(azimuth),
             indoor=None if indoor is None else parse_indoor(indoor),
-            conductivity=conductivity,
-            prior=prior,
         )
         campaign = new_plan(weather, answers, to=to, force=force, ask=_ask if _is_terminal() else None)
     except InputError as error:

@@ -168,7 +168,8 @@ class Forecast(ResultObject):
         """`forecast.csv`: `time` as in the record, then each output's mean and `NAME_std`."""
         stamps = [self.case.record.stamp(self.window.row + self.first + k) for k in range(len(self.mean))]
         frame = self.to_frame()
-        frame.index = frame.index.__class__(stamps, name="time") if isinstance(stamps[0], float) else stamps
+        # as texts, which `float_format` leaves as they are
+        frame.index = [f"{stamp:.15g}" if isinstance(stamp, float) else stamp for stamp in stamps]
         return frame.rename_axis("time").to_csv(float_format="%.6g", lineterminator="\n")
 
     def summary(self) -> str:
@@ -187,6 +188,8 @@ class Forecast(ResultObject):
         for one in self.step_errors:
             each = ", ".join(
                 f"{name} {rms:.2g} {'W/m2' if unit == 'W/m2' else 'K'} ({share:.0%})"
+                if math.isfinite(rms)
+                else f"{name} without a reading"
                 for name, unit, rms, share in zip(self.names, self.units, one.rms, one.coverage, strict=True)
             )
             lines.append(f"{one.hours:g} h ahead".ljust(13) + f"{each}; in parentheses the share in the 95 % band")

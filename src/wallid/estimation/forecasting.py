@@ -53,7 +53,7 @@ def forecast(
 
     Args:
         case: the case; with `disturbance` and `noise` None a disturbance is used where the record has evidence for it.
-        start: time of the first row of the forecast, as in the record: ISO 8601, or s where it has seconds.
+        start: time of the first row of the forecast, as in the record's file: ISO 8601, or s where it has seconds.
         hours: length of the forecast.
         days: of readings before it, from which the wall is estimated; fewer where the record has fewer.
         faces: "record": as logged, and as the day before where the record ends. "persistence": as the day before.
@@ -77,7 +77,11 @@ def forecast(
     _check_readings(case, begin, first)
     case, logged = with_persistent_faces(case, first, rows, faces)
     window = Window(begin, first - begin + rows)
-    check_unbroken(case, window)
+    try:
+        check_unbroken(case, window)
+    except InputError as error:
+        hint = "" if faces == "persistence" else ", or the faces as the day before: --faces persistence"
+        raise InputError(f"{error}; shorten --days or --hours{hint}") from None
     with shown_progress(progress) as report:
         report("forecast: the wall from the readings before", 0.1)
         data, trained = window_data(case, window), first - begin

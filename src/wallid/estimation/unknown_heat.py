@@ -29,6 +29,7 @@ from ..case.time_window import HasBestWindow, Window, as_window, check_unbroken,
 from ..inference.disturbance_search import Disturbance
 from ..inference.filter_model import filter_model
 from ..inference.generalised_least_squares import fit_generalised_least_squares
+from ..models.disturbance import MaternProcess
 from ..models.flux_plates import full_order_model_with_plates
 from ..models.window_inputs import window_data
 from ..records.row_times import RecordStart
@@ -42,6 +43,7 @@ SURROGATES = 999
 _MOST_LAGS = 24
 _SIGNIFICANT = 0.05
 _FEWEST_DAYS = 2.0  # for a mean day
+_DAYS_OF_SPECTRUM = 8.0  # of a part of the record whose spectrum is computed
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,23 @@ class UnknownHeat(ResultObject):
         slot = np.floor(((self.days + first) % 1.0) * rows + 0.5).astype(int) % rows
         total, count = (np.bincount(slot, w, minlength=rows) for w in (self.course, np.ones_like(self.course)))
         return 24.0 * np.arange(rows) / rows, total / np.maximum(count, 1)
+
+    @property
+    def spectrum(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Its periods, h, the power of the course at each, and that of a process of its size and memory.
+
+        The power is the variance for each unit of frequency, in `unit` squared times h (Welch's method, over parts of
+        up to eight days). The course is smoothed: the noise hides its fast part, whose power is then too small.
+
+        Source: P. D. Welch, IEEE Trans. Audio Electroacoust. 15 (1967), 70.
+        """
+        hours = 24.0 * float(np.median(np.diff(self.days)))
+        part = min(len(self.course), round(_DAYS_OF_SPECTRUM * 24.0 / hours))
+        frequency, power = scipy.signal.welch(self.course, 1.0 / hours, "hann", nperseg=part)
+        frequency, power = frequency[1:], power[1:]  # without the mean
+        found = self.disturbance
+        process = MaternProcess(found.std, found.time_constant / 3600.0, found.smoothness)
+        return 1.0 / frequency, power, np.asarray(process.spectral_density(frequency))
 
     @property
     def warm_hours(self) -> tuple[float, float] | None:

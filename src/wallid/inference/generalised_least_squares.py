@@ -233,10 +233,9 @@ class _IteratedGLS:
 
     @property
     def disturbance_option(self) -> str:
-        """ "none", "auto" (the default with a flux, unless the noise is chosen) or "on"."""
-        choices = self.case.choices
-        by_default = LOG_CONDUCTIVITY in self.parameters and choices.noise is None
-        return choices.disturbance or ("auto" if by_default else "none")
+        """ "none", "auto" (the default with a flux and noise that is estimated) or "on"."""
+        by_default = LOG_CONDUCTIVITY in self.parameters and self.noise_option == "estimated"
+        return self.case.choices.disturbance or ("auto" if by_default else "none")
 
     @property
     def noise_can_be_estimated(self) -> bool:

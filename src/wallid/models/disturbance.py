@@ -25,7 +25,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, ScalarLike
+from jaxtyping import Array, ArrayLike, Float, ScalarLike
 
 from .._internal.arrays import on_device
 from .exponential_solver import step_map
@@ -74,6 +74,18 @@ class MaternProcess(eqx.Module):
         """The covariance of the states at any time."""
         variance = self.std**2
         return variance[None, None] if self.order == 1 else jnp.diag(jnp.stack([variance, variance * self.rate**2]))
+
+    def spectral_density(self, frequency: Float[ArrayLike, " frequency"]) -> Float[Array, " frequency"]:
+        """The variance for each unit of frequency, over positive frequencies alone: its integral is `std^2`.
+
+            4 s^2 l / (l^2 + w^2),      8 s^2 l^3 / (l^2 + w^2)^2,      w = 2 pi f, l the rate
+
+        Args:
+            frequency: over the unit of the model's time.
+        """
+        omega, rate = 2.0 * jnp.pi * jnp.asarray(frequency), self.rate
+        of_half = 4.0 * self.std**2 * rate / (rate**2 + omega**2)
+        return of_half if self.order == 1 else of_half * 2.0 * rate**2 / (rate**2 + omega**2)
 
     def transition(self, time: ScalarLike) -> Float[Array, "state state"]:
         """`exp(F t)`."""

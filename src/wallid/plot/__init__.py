@@ -56,7 +56,7 @@ from .residuals import (
     shared_colour_bar,
     smooth_residual,
 )
-from .unknown_heat import heat_course, heat_of_day
+from .unknown_heat import heat_course, heat_of_day, heat_spectrum
 from .wall_section import wall
 from .windows import forest, resistance_forest
 
@@ -91,6 +91,7 @@ __all__ = [
     "heat_course",
     "heat_load",
     "heat_of_day",
+    "heat_spectrum",
     "height_bias",
     "hourly_residual",
     "initial_profile",

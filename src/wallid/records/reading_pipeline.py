@@ -175,6 +175,7 @@ def _resample(
         time=seconds - seconds[0] if grid.as_read else grid.step * np.arange(count),
         stamps=grid.stamps[part],
         zone=rows.times.zone,
+        timezone=file_format.timezone,
         faces=np.stack([face.values[part] for face in filled], axis=1),
         sensors=np.array([read[name][part] for name in sensors]).reshape(len(sensors), count).T,
         regressors={key: (read[name] if key in PLATES else others[key])[part] for key, name in regressors.items()},

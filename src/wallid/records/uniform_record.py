@@ -68,6 +68,7 @@ class Record(ResultObject):
         fill_std: standard error of interpolated faces, K: 0 where a face was read, infinite in broken rows,
             (time, 2); None where every row was read. Within one gap the errors are fully correlated.
         cleaning: what was changed while the file was read.
+        timezone: IANA name of the time zone of the file's clock where it follows daylight saving; else None.
         noise_memory: shape of the noise of the faces, as a fit has found it; white in a record that is read.
 
     Raises:
@@ -89,6 +90,7 @@ class Record(ResultObject):
     file: str = "record"
     fill_std: np.ndarray | None = field(default=None, repr=False)
     cleaning: CleaningLog = field(default_factory=CleaningLog)
+    timezone: str | None = None
     noise_memory: NoiseMemory = field(default=WHITE, repr=False)
 
     def __post_init__(self) -> None:

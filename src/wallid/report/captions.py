@@ -290,8 +290,8 @@ _CAPTIONS: dict[str, tuple[str | Text, Text]] = {
         _fixed("Matrix of the absolute cosine, 0 to 1, between the residual changes of each two effects."),
     ),
     "heat": (
-        "The heat that would explain what no known effect does, given all readings, with its 95 % band; beside it its "
-        "mean day. A Kalman smoother separates it from noise and from all parameters of the model.",
+        "The heat that would explain what no known effect does, given all readings, with its 95 % band; below, its "
+        "spectrum and its mean day. A Kalman smoother separates it from noise and from all parameters of the model.",
         _heat_text,
     ),
     "next": (

@@ -359,12 +359,13 @@ def _next_figure(diagnosis: Diagnosis) -> Figure:
 
 
 def _heat_figure(heat: UnknownHeat) -> Figure:
-    """The course of the unknown heat, and its mean day where there is one."""
+    """The course of the unknown heat, its spectrum, and its mean day where there is one."""
     has_day = len(heat.mean_day[0]) > 0
-    figure, axes = plot.figure(1, 1 + has_day, width=10.0 if has_day else 7.0, height=3.0)
-    plot.heat_course(heat, ax=np.ravel(axes)[0])
+    figure, axes = plot.figure(2 + has_day, 1, height=2.6)
+    plot.heat_course(heat, ax=axes[0])
+    plot.heat_spectrum(heat, ax=axes[1])
     if has_day:
-        plot.heat_of_day(heat, ax=np.ravel(axes)[1])
+        plot.heat_of_day(heat, ax=axes[2])
     return figure
 
 

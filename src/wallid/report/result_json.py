@@ -255,6 +255,7 @@ def _one_window(campaign: CampaignEstimate, k: int) -> dict[str, Any]:
         "start": campaign.labels[k],
         "diffusivity": None if fit is None else diffusivity_entry(fit),
         **({} if campaign.thermal is None else {"resistance": resistance}),
+        "disturbance": None if fit is None or fit.disturbance is None else fit.disturbance.to_dict(),
         "informative": k in campaign.used,
         "weight": campaign.weight(k),
         "reason": "no reading" if fit is None else fit.reason or None,

@@ -21,8 +21,8 @@ def plan(campaign: PlannedCampaign, *, progress: Progress | None = None) -> Camp
 
     The wall is put into the weather of a typical year. Of each campaign the interval of an estimate is expected from
     the Fisher information, over the diffusivities that the wall may have: for up to the stated number of sensors,
-    placed one after the other, with and without plates, for first days around the year and for each length. Columns
-    are those without which an effect of typical size would be seen but not named.
+    placed one after the other, beside the plates that are allowed, for first days around the year and for each length.
+    Columns are those without which an effect of typical size would be seen but not named.
 
     Args:
         campaign: from `wallid.load_campaign`.

@@ -121,7 +121,7 @@ def plan_campaign(campaign: PlannedCampaign, weather: WeatherYear, report: Progr
 
     The wall is put into the weather of a typical year. Of each campaign the interval of an estimate is expected from
     the Fisher information, over the diffusivities that the wall may have: for up to the stated number of sensors,
-    placed one after the other, with and without plates, for first days around the year and for each length.
+    placed one after the other, beside the plates that are allowed, for first days around the year and for each length.
 
     Args:
         campaign: from `wallid.load_campaign`.

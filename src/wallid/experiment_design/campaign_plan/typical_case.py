@@ -147,7 +147,13 @@ def typical_case(
         flux_gain_std=None,
         file=weather.file,
     )
-    choices: Choices = replace(campaign.choices, initial_profile=min(2, len(positions) + 1))
+    choices: Choices = replace(
+        campaign.choices,
+        initial_profile=min(2, len(positions) + 1),
+        # of a record that was logged: a window of it may be too short for rows of an hour
+        window_days=Choices.window_days,
+        diagnose_days=None,
+    )
     of_this_wall = replace(wall, diffusivity_prior=diffusivity, conductivity=conductivity)
     return Case(campaign.name, campaign.path, of_this_wall, sensors, record, choices, (), campaign.description)
 
