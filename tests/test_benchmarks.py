@@ -14,6 +14,8 @@ import pandas as pd
 import pytest
 from benchmarks.accuracy.campaign_plans import house as house_of_plan
 from benchmarks.accuracy.discrepancy.scenarios import noise_covariance
+from benchmarks.accuracy.disturbance import SEED
+from benchmarks.accuracy.forecasts import kinds as kinds_of_forecasts
 from benchmarks.accuracy.plate_visibility import Visibility, with_signal_to_noise
 from benchmarks.reference.analytic_slab import fluxes, temperatures
 from benchmarks.reference.c_recurrence import compiled
@@ -34,6 +36,10 @@ from scipy.signal import lsim
 import wallid
 from wallid.case.section import SectionMaterial, coursed_rubble, section_of_regions
 from wallid.models.section import section_response
+
+
+def test_the_kinds_of_forecasts_have_the_seed_of_the_records_and_their_days():
+    assert {(kind.seed, kind.days) for kind in kinds_of_forecasts(4.0)} == {(SEED, 4.0)}
 
 
 def measured(work, contender, taken, units=1, **error):
