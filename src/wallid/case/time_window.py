@@ -110,8 +110,13 @@ def diagnosis_window(case: Case) -> Window:
     return longest if days is None else Window(longest.row, min(case.record.rows_in_days(days), longest.rows))
 
 
-def check_unbroken(case: Case, window: Window) -> None:
+def check_unbroken(case: Case, window: Window, *, remedy: str = "take another window") -> None:
     """Check that a window contains no break of the record.
+
+    Args:
+        case: with the record.
+        window: of its rows.
+        remedy: what to do about a break, for the message.
 
     Raises:
         InputError: a face temperature is missing over a long gap in the window.
@@ -122,7 +127,7 @@ def check_unbroken(case: Case, window: Window) -> None:
         first = next(b for b in record.cleaning.breaks if b.row + b.rows > window.row)
         raise InputError(
             f"{record.file}: a window of {window.rows} rows from {record.stamp(window.row)} lies across a break of the "
-            f"record ({first}); take another window, or state a longer [record] longest_gap (hours)"
+            f"record ({first}); {remedy}, or state a longer [record] longest_gap (hours)"
         )
 
 

@@ -60,8 +60,8 @@ def forecast(
         progress: called as `progress(text, share)`; None for a bar in a notebook, and nothing elsewhere.
 
     Raises:
-        InputError: a time outside the record, too few rows or readings before it, or less than three days of faces
-            before persistence.
+        InputError: a time outside the record, a break in its window, too few rows or readings before it, or less than
+            three days of faces before persistence.
 
     Source: J. Durbin, S. J. Koopman, Time Series Analysis by State Space Methods (2012), 4.11.
     """
@@ -77,11 +77,8 @@ def forecast(
     _check_readings(case, begin, first)
     case, logged = with_persistent_faces(case, first, rows, faces)
     window = Window(begin, first - begin + rows)
-    try:
-        check_unbroken(case, window)
-    except InputError as error:
-        hint = "" if faces == "persistence" else ", or the faces as the day before: --faces persistence"
-        raise InputError(f"{error}; shorten --days or --hours{hint}") from None
+    shorter = "shorten --days or --hours"
+    check_unbroken(case, window, remedy=shorter if faces == "persistence" else f"{shorter}, take --faces persistence")
     with shown_progress(progress) as report:
         report("forecast: the wall from the readings before", 0.1)
         data, trained = window_data(case, window), first - begin

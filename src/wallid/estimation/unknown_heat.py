@@ -99,9 +99,14 @@ class UnknownHeat(ResultObject):
         return self.disturbance.unit
 
     @property
+    def _step(self) -> float:
+        """Between rows, days."""
+        return float(np.median(np.diff(self.days)))
+
+    @property
     def mean_day(self) -> tuple[np.ndarray, np.ndarray]:
         """Hours of the day, and the mean heat at each; empty for less than two days."""
-        step = float(np.median(np.diff(self.days)))
+        step = self._step
         rows = round(1.0 / step)
         if len(self.days) * step < _FEWEST_DAYS or rows < 2:
             return np.zeros(0), np.zeros(0)
@@ -119,7 +124,7 @@ class UnknownHeat(ResultObject):
 
         Source: P. D. Welch, IEEE Trans. Audio Electroacoust. 15 (1967), 70.
         """
-        hours = 24.0 * float(np.median(np.diff(self.days)))
+        hours = 24.0 * self._step
         part = min(len(self.course), round(_DAYS_OF_SPECTRUM * 24.0 / hours))
         frequency, power = scipy.signal.welch(self.course, 1.0 / hours, "hann", nperseg=part)
         frequency, power = frequency[1:], power[1:]  # without the mean

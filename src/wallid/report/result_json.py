@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._internal.result_object import plain_value
 from ..case.initial_profile import scales
 from ..case.record_check import describe_record
 from ..case.time_window import diagnosis_window
@@ -109,7 +110,7 @@ def _fit(run: Run, fit: Estimate) -> dict[str, Any]:
     for key, values, unit in errors:
         entries[key] = {name: {"value": value, "std": std, "unit": unit} for name, (value, std) in values.items()}
     entries["interval"], entries["advice"] = _interval(fit), list(fit.advice)
-    entries["disturbance"] = None if fit.disturbance is None else fit.disturbance.to_dict()
+    entries["disturbance"] = plain_value(fit.disturbance)
     if fit.sensor_places:
         entries["sensor_places"] = {name: place.to_dict() for name, place in fit.sensor_places.items()}
     if fit.materials is not None:
@@ -255,7 +256,7 @@ def _one_window(campaign: CampaignEstimate, k: int) -> dict[str, Any]:
         "start": campaign.labels[k],
         "diffusivity": None if fit is None else diffusivity_entry(fit),
         **({} if campaign.thermal is None else {"resistance": resistance}),
-        "disturbance": None if fit is None or fit.disturbance is None else fit.disturbance.to_dict(),
+        "disturbance": None if fit is None else plain_value(fit.disturbance),
         "informative": k in campaign.used,
         "weight": campaign.weight(k),
         "reason": "no reading" if fit is None else fit.reason or None,
