@@ -20,8 +20,10 @@ from wallid.case.options import Choices
 from wallid.estimation import heat_flux, smoothed_disturbance
 from wallid.estimation.unknown_heat import column_followed
 from wallid.inference import generalised_least_squares as gls
-from wallid.inference.contact_test import contact_scores
+from wallid.inference.contact_test import SIGNIFICANT, contact_scores
+from wallid.inference.disturbance_search import find_disturbance
 from wallid.inference.generalised_least_squares import fit_generalised_least_squares
+from wallid.inference.nuisance_kinds import NUISANCE_KINDS, ContactResistances
 from wallid.models.flux_plates import full_order_model_with_plates
 from wallid.models.window_inputs import window_data
 from wallid.report.result_json import result_entries
@@ -30,6 +32,13 @@ from wallid.workflow import Run
 
 def with_option(case, option):
     return replace(case, choices=replace(case.choices, disturbance=option, model="lom"))
+
+
+def full_order_fit(case, **options):
+    """The fit of the entire record with the full-order model."""
+    window, model = wallid.Window(0, case.record.rows), full_order_model_with_plates(case)
+    data, first = window_data(case, window), case.wall.diffusivity_prior
+    return fit_generalised_least_squares(case, window, data, model, first, eta=1e-6, **options)
 
 
 def test_heat_released_inside_balances_what_leaves():
@@ -78,24 +87,52 @@ def test_a_large_disturbance_is_found_where_it_is(logged, number):
     There heat behind a face explains the first one, noise with a long memory the second.
     """
     case = disturbance.case_of(Kind(logged, "wall", 48.0), number, disturbance="auto")
-    window, model = wallid.Window(0, case.record.rows), full_order_model_with_plates(case)
-    data = window_data(case, window)
-    fit = fit_generalised_least_squares(case, window, data, model, case.wall.diffusivity_prior, eta=1e-6)
+    fit = full_order_fit(case)
     assert fit.disturbance.place == "wall" and fit.disturbance.noise_size < 2
     assert abs(np.log(fit.diffusivity / DIFFUSIVITY)) < 3 * fit.log_std
-    alone = replace(case, choices=replace(case.choices, disturbance="none", noise="stated"))
-    without = fit_generalised_least_squares(alone, window, data, model, case.wall.diffusivity_prior, eta=1e-6)
+    without = full_order_fit(replace(case, choices=replace(case.choices, disturbance="none", noise="stated")))
     assert without.diffusivity < DIFFUSIVITY / 2
+
+
+def test_the_first_search_does_not_lead_to_heat_of_another_depth():
+    """Under the noise alone the first half of this record gives half of the diffusivity.
+
+    The depth that explains the residual there is a third of the wall, and the next fits stay with it.
+    """
+    case = disturbance.case_of(Kind("plates", "face", 48.0, 78), 0, disturbance="auto")
+    fit = full_order_fit(case, rows_used=case.record.rows // 2)
+    assert fit.disturbance.place == "right" and fit.disturbance.profile.depth < 0.2
+    assert abs(np.log(fit.diffusivity / DIFFUSIVITY)) < 3 * fit.log_std
+
+
+def test_further_searches_of_everything_change_nothing(monkeypatch):
+    """The search ends early and is limited to what the last one left; without that the estimate is the same."""
+    case = disturbance.case_of(Kind("plates", "face", 3.0, 78), 0, disturbance="auto")
+    fit = full_order_fit(case)
+    monkeypatch.setattr(gls, "_MOVED", 0.0)
+    monkeypatch.setattr(gls, "_CONVERGED", 0.0)
+    monkeypatch.setattr(gls, "find_disturbance", lambda *arguments: find_disturbance(*arguments[:6]))
+    further = full_order_fit(case)
+    assert further.iterations > fit.iterations and np.log(further.diffusivity / fit.diffusivity) != 0.0
+    assert abs(np.log(further.diffusivity / fit.diffusivity)) < 0.1 * fit.log_std
+    assert further.log_std == pytest.approx(fit.log_std, rel=0.05)
+
+
+def test_heat_behind_a_face_is_not_taken_for_a_contact_resistance():
+    """The score of a resistance is significant by chance; with one, other heat explains the record about as well."""
+    case = disturbance.case_of(Kind("plates", "face", 3.0, 2813), 30, disturbance="auto")
+    kinds = [kind for kind in NUISANCE_KINDS if not isinstance(kind, ContactResistances)]
+    assert max(contact_scores(case, full_order_fit(case, kinds=kinds)).values()) > SIGNIFICANT
+    fit = full_order_fit(case)
+    assert not fit.parameters.of_kind(ContactResistances.kind)
+    assert abs(np.log(fit.diffusivity / DIFFUSIVITY)) < 2 * fit.log_std
 
 
 @pytest.mark.parametrize("number", [3, 4])
 def test_the_depth_of_heat_behind_a_face_is_found_between_the_doubled_ones(number, monkeypatch):
     """Heat that decays over 4 cm of 30: with 2.5 and 5 cm alone, errors of the diffusivity were twice as large."""
     monkeypatch.setattr(disturbance, "DECAYS", (0.04, 0.04))
-    case = disturbance.case_of(Kind("plates", "decaying", 3.0), number, disturbance="auto")
-    window, model = wallid.Window(0, case.record.rows), full_order_model_with_plates(case)
-    data = window_data(case, window)
-    fit = fit_generalised_least_squares(case, window, data, model, case.wall.diffusivity_prior, eta=1e-6)
+    fit = full_order_fit(disturbance.case_of(Kind("plates", "decaying", 3.0), number, disturbance="auto"))
     assert fit.disturbance.place == "right"
     assert abs(np.log(fit.disturbance.profile.depth * LENGTH / 0.04)) < 0.15
     depths = {one.profile.depth for _, one in fit.disturbance.alternatives}

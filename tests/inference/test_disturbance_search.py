@@ -11,6 +11,7 @@ from wallid.inference.disturbance_covariance import DEPTHS_PER_DOUBLING
 from wallid.inference.disturbance_search import (
     LARGEST_STD,
     SHORTEST_TIME,
+    LikelihoodBesideNoise,
     RestrictedLikelihood,
     _prior_cost,
     _widths,
@@ -32,7 +33,7 @@ def problem(seed):
 def test_one_decomposition_serves_all_sizes(seed, size):
     present, residual, jacobian, noise, unit, deviation = problem(seed)
     likelihood = RestrictedLikelihood(present, residual, jacobian, deviation)
-    one, other = likelihood.of_size(noise, unit)(size), likelihood.at(noise + size**2 * unit)
+    one, other = LikelihoodBesideNoise(likelihood, noise).of_size(unit)(size), likelihood.at(noise + size**2 * unit)
     assert one.cost == pytest.approx(other.cost, rel=1e-8, abs=1e-6)
     assert one.noise_size == pytest.approx(other.noise_size, rel=1e-6)
     np.testing.assert_allclose(one.shift, other.shift, rtol=1e-6, atol=1e-8)
@@ -48,7 +49,7 @@ def test_differences_of_the_cost_are_those_of_the_marginal_likelihood():
     prior = wide**2 * np.outer(jacobian[:, 0], jacobian[:, 0]) + jacobian[:, 1:] @ jacobian[:, 1:].T
 
     def cost(size):
-        point = likelihood.of_size(noise, unit)(size)
+        point = LikelihoodBesideNoise(likelihood, noise).of_size(unit)(size)
         covariance = point.noise_size * (noise + size**2 * unit) + prior
         kept = np.ix_(present, present)
         dense = -2.0 * multivariate_normal.logpdf(residual[present], mean[present], covariance[kept])

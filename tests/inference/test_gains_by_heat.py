@@ -34,8 +34,8 @@ def shape_of(present, rows_per_bin=1):
     return NoiseShape(np.zeros((2, rows, outputs)), bins, np.ones(outputs), FaceNoise.white(0.0), np.zeros((2, 1)))
 
 
-def noise_with(disturbance, whitening):
-    return NoiseCovariance(1.0, 0.0, 0.0, whitening, np.eye(len(whitening)), np.ones(2), disturbance=disturbance)
+def noise_with(disturbance, covariance):
+    return NoiseCovariance(1.0, 0.0, 0.0, covariance, np.ones(2), disturbance=disturbance)
 
 
 @given(st.integers(0, 10_000), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.integers(0, 1))
@@ -57,16 +57,16 @@ def test_the_effect_is_the_derivative_of_the_likelihood(seed, left, right, senso
         return multivariate_normal.logpdf(readings[present], mean[present], (by_heat + np.eye(count))[kept])
 
     mean, by_heat = of(gains)
-    residual, whitening = np.where(present, readings - mean, 0.0), np.eye(count)
-    whitening[kept] = np.linalg.inv(np.linalg.cholesky((by_heat + np.eye(count))[kept]))
+    residual, covariance = np.where(present, readings - mean, 0.0), np.eye(count)
+    covariance[kept] += by_heat[kept]
     shape, std = shape_of(present.reshape(outputs, BINS).T), np.array([0.02, 0.03])
-    columns, prior_mean = gains_by_heat(noise_with(by_heat, whitening), shape, residual, gains, std, BINS)
+    columns, prior_mean = gains_by_heat(noise_with(by_heat, covariance), shape, residual, gains, std, BINS)
     effect = np.zeros((2, outputs, BINS))
     effect[:, sensors:] = columns.transpose(0, 2, 1)
     of_plates = np.zeros((2, outputs, BINS))
     of_plates[0, -2], of_plates[1, -1] = flux.reshape(outputs, BINS)[-2:]
     slope = (effect + of_plates).reshape(2, -1) * present
-    score = slope @ whitening.T @ whitening @ residual + prior_mean / std
+    score = slope @ np.linalg.solve(covariance, residual) + prior_mean / std
 
     step = 1e-5 * np.array([1.0, -1.0])
     by_differences = (log_likelihood(gains + step) - log_likelihood(gains - step)) / 2e-5

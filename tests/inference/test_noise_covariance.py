@@ -285,6 +285,6 @@ def test_the_expected_widening_is_that_of_drawn_noise(readings, outputs):
 
 def test_the_noise_says_what_it_is():
     nothing = np.zeros((1, 1))
-    assert str(NoiseCovariance(0.25, 0.0, 0.3, nothing, nothing, np.array([0.1]))) == "noise 0.50 times the stated"
-    lasting = str(NoiseCovariance(0.5, 0.5, 0.9, nothing, nothing, np.array([0.1])))
+    assert str(NoiseCovariance(0.25, 0.0, 0.3, nothing, np.array([0.1]))) == "noise 0.50 times the stated"
+    lasting = str(NoiseCovariance(0.5, 0.5, 0.9, nothing, np.array([0.1])))
     assert "1.00 times" in lasting and "50 %" in lasting and "0.90" in lasting

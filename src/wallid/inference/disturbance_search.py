@@ -22,10 +22,10 @@ Stat. Assoc. 114 (2019), 445; H. Rue and others, J. R. Stat. Soc. B 71 (2009), 3
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -55,6 +55,7 @@ _NOISE_STEP = 0.25  # of ln v
 _NOISE_SIZES = np.exp(np.arange(-5.0, 5.1, _NOISE_STEP))
 _TIME_TOLERANCE, _SIZE_TOLERANCE = 0.05, 0.02  # of the logarithms at the best point
 _KEPT = 0.98  # probability of the places and time constants that a forecast averages over
+_SEARCHED_AGAIN = 0.999  # and of those that a search in the residual of a later fit is limited to
 _FIRST_DEPTH = DEPTHS_PER_DOUBLING  # number of the depth that is tried at every time constant: 1/12
 _RESOLVED = 1.0  # of -2 log L, between a depth and its neighbours, below which none between them is tried
 _NEGLIGIBLE = 12.0  # of -2 log L, above the best depth's
@@ -71,6 +72,14 @@ class _Process(NamedTuple):
     noise_size: float
 
 
+class _Weighted(NamedTuple):
+    """A place and time constant of the grid, with the doublings of the depth for which it stands."""
+
+    profile: HeatProfile
+    time_constant: float
+    doublings: float
+
+
 @dataclass(frozen=True, eq=False)
 class Disturbance(ResultObject):
     """A disturbance found in a record.
@@ -84,6 +93,7 @@ class Disturbance(ResultObject):
         noise_size: v, the noise's variance over the stated one. noise_memory: its shape.
         inflation: of each estimated parameter's standard error, by the uncertainty of place, size and time constant.
         posterior: the most probable places and time constants, each with its probability and its mean-square size.
+        probable: those that are not excluded, for a search in the residual of a later fit.
     """
 
     profile: HeatProfile
@@ -96,6 +106,7 @@ class Disturbance(ResultObject):
     inflation: np.ndarray = field(repr=False)
     posterior: tuple[tuple[float, _Process], ...] = field(default=(), repr=False)
     noise_memory: NoiseMemory = field(default=WHITE, repr=False)
+    probable: tuple[_Weighted, ...] = field(default=(), repr=False)
 
     @property
     def noise_variances(self) -> tuple[float, float]:
@@ -220,31 +231,9 @@ class RestrictedLikelihood:
         """The minimum over the noise's size `v`, for a covariance divided by `v`."""
         lower = np.linalg.cholesky(covariance[np.ix_(self.present, self.present)])
         whitened = scipy.linalg.solve_triangular(lower, self.columns, lower=True)
-        return self._minimum(whitened.T @ whitened, 2.0 * float(np.sum(np.log(np.diag(lower)))))
+        return self.minimum(whitened.T @ whitened, 2.0 * float(np.sum(np.log(np.diag(lower)))))
 
-    def of_size(
-        self, noise: Float[np.ndarray, "reading reading"], unit: Float[np.ndarray, "reading reading"]
-    ) -> Callable[[float], _Point]:
-        """The minimum as a function of a size, for the covariance `v (noise + size^2 unit)`.
-
-        With `noise = L L'` and `L^-1 unit L^-T = Q T Q'`, `T` tridiagonal, it is `L Q (1 + size^2 T) Q' L'`: one
-        decomposition serves all sizes.
-        """
-        rows = np.ix_(self.present, self.present)
-        lower = np.linalg.cholesky(noise[rows])
-        whitened_unit, _ = _sygst(unit[rows], lower, lower=1)  # its lower triangle
-        whitened_columns = scipy.linalg.solve_triangular(lower, self.columns, lower=True)
-        diagonal, beside, rotated = tridiagonal(whitened_unit, whitened_columns)
-        log_det = 2.0 * float(np.sum(np.log(np.diag(lower))))
-
-        def at(size: float) -> _Point:
-            pivots, factors, _ = _pttrf(1.0 + size**2 * diagonal, size**2 * beside)
-            whitened, _ = _pttrs(pivots, factors, rotated)
-            return self._minimum(rotated.T @ whitened, log_det + float(np.sum(np.log(pivots))))
-
-        return at
-
-    def _minimum(self, products: np.ndarray, log_det: float) -> _Point:
+    def minimum(self, products: np.ndarray, log_det: float) -> _Point:
         """The minimum over `v`, from the whitened columns' products and ln det of the covariance divided by `v`.
 
         With `A` the products of the Jacobian, `M' A M = diag(c)` and `M' (A + P) M = 1`, the parameters' information
@@ -278,6 +267,36 @@ class RestrictedLikelihood:
         return _Point(float(costs(noise_size)[0]), float(noise_size[0]), directions @ (b / weights)[0], covariance)
 
 
+class LikelihoodBesideNoise:
+    """The restricted likelihood for covariances `v (noise + size^2 unit)`.
+
+    With `noise = L L'` and `L^-1 unit L^-T = Q T Q'`, `T` tridiagonal, they are `v L Q (1 + size^2 T) Q' L'`: one
+    decomposition serves all sizes.
+
+    Args:
+        likelihood: of the residual.
+        noise: the covariance by noise, for `v = 1`.
+    """
+
+    def __init__(self, likelihood: RestrictedLikelihood, noise: Float[np.ndarray, "reading reading"]):
+        self.likelihood, self.rows = likelihood, np.ix_(likelihood.present, likelihood.present)
+        self.lower = np.linalg.cholesky(noise[self.rows])
+        self.columns = scipy.linalg.solve_triangular(self.lower, likelihood.columns, lower=True)
+        self.log_det = 2.0 * float(np.sum(np.log(np.diag(self.lower))))
+
+    def of_size(self, unit: Float[np.ndarray, "reading reading"]) -> Callable[[float], _Point]:
+        """The minimum over `v`, as a function of the size."""
+        whitened_unit, _ = _sygst(unit[self.rows], self.lower, lower=1)  # its lower triangle
+        diagonal, beside, rotated = tridiagonal(whitened_unit, self.columns)
+
+        def at(size: float) -> _Point:
+            pivots, factors, _ = _pttrf(1.0 + size**2 * diagonal, size**2 * beside)
+            whitened, _ = _pttrs(pivots, factors, rotated)
+            return self.likelihood.minimum(rotated.T @ whitened, self.log_det + float(np.sum(np.log(pivots))))
+
+        return at
+
+
 def search_bins(bins: BinnedReadings) -> BinnedReadings:
     """Bins that are few enough for a search: their dense covariance is decomposed at every place."""
     factor = -(-bins.readings // _MAX_READINGS)
@@ -291,6 +310,8 @@ def find_disturbance(
     likelihood: RestrictedLikelihood,
     without: NoiseCovariance | None,
     memory: NoiseMemory,
+    enough: float = math.inf,
+    among: Sequence[_Weighted] = (),
 ) -> Disturbance:
     """The disturbance that explains a residual best.
 
@@ -300,25 +321,33 @@ def find_disturbance(
         likelihood: of the residual of the readings in the bins of `shape`.
         without: the noise as estimated without a disturbance; None for noise of the same shape as beside one.
         memory: shape of the noise beside the disturbance.
+        enough: evidence from which the best point of a first grid is taken as it is: one depth behind each face.
+        among: what an earlier search has left; none for everything.
     """
     search = _Search(readings, shape, step, likelihood, memory)
     first = HeatProfile("wall"), HeatProfile("left", DEPTHS[_FIRST_DEPTH]), HeatProfile("right", DEPTHS[_FIRST_DEPTH])
-    search.try_all(product(first, search.times))
-    face, time_constant = search.best.place.profile.place, search.best.place.time_constant
-    if face != "wall":
-        search.try_depths(face, time_constant)
-    best, posterior = search.refined(), search.posterior()
+    if among:
+        search.try_again(among)
+    else:
+        search.try_all(itertools.product(first, search.times))
     none = likelihood.at(search.noise).cost
     if without is not None:
         total = without.white + without.autocorrelated
         alone = search.noise_of(NoiseMemory(without.autocorrelated / total, without.correlation))
         none = min(none, likelihood.at(alone).cost)
+    best = search.best
+    if none - best.point.cost < enough:
+        if best.place.profile.place != "wall" and not among:
+            search.try_depths(best.place.profile.place, best.place.time_constant)
+        best = search.refined()
+    posterior = search.posterior()
     return Disturbance(
         **best.process._asdict(),
         unit=readings.unit,
         evidence=none - best.point.cost,
         inflation=_inflation(best.point, posterior),
         posterior=search.most_probable(posterior),
+        probable=search.not_excluded(posterior),
         noise_memory=memory,
     )
 
@@ -363,6 +392,7 @@ class _Search:
     ):
         self.readings, self.shape, self.likelihood = readings, shape, likelihood
         self.noise = self.noise_of(memory)
+        self.beside_noise = LikelihoodBesideNoise(likelihood, self.noise)
         window = step * shape.rows_per_bin * shape.bin_count
         self.times: list[float] = np.geomspace(max(2.0 * step, 900.0), max(window, 8.0 * step), _TIMES).tolist()
         self._tried: dict[_Place, list[_Tried]] = {}
@@ -379,7 +409,7 @@ class _Search:
             present = self.likelihood.present
             covariance = self.readings.covariance(*place, self.shape.bin_count, self.shape.rows_per_bin)
             ratio = float(np.mean((np.diag(covariance) / np.diag(self.noise))[present]))
-            self._units[place] = 1.0 / math.sqrt(ratio), self.likelihood.of_size(self.noise, covariance)
+            self._units[place] = 1.0 / math.sqrt(ratio), self.beside_noise.of_size(covariance)
         return self._units[place]
 
     def at(self, place: _Place, size: float) -> _Tried:
@@ -434,7 +464,12 @@ class _Search:
         limit = min(costs.values()) + _NEGLIGIBLE
         probable = [HeatProfile(face, DEPTHS[number]) for number, cost in costs.items() if cost < limit]
         at = self.times.index(time_constant)
-        self.try_all(product(probable, self.times[max(at - 1, 0) : at + 2]))
+        self.try_all(itertools.product(probable, self.times[max(at - 1, 0) : at + 2]))
+
+    def try_again(self, places: Sequence[_Weighted]) -> None:
+        """Try all sizes at the places that an earlier search has left."""
+        self._doublings = {place.profile: place.doublings for place in places}
+        self.try_all(place[:2] for place in places)
 
     @property
     def best(self) -> _Tried:
@@ -456,19 +491,18 @@ class _Search:
 
     def most_probable(self, posterior: list[tuple[float, _Tried]]) -> tuple[tuple[float, _Process], ...]:
         """The places that hold almost all of the posterior, each with the mean variances of its heat and its noise."""
-        places: dict[_Place, list[tuple[float, _Process]]] = {}
-        for share, one in posterior:
-            places.setdefault(one.place, []).append((share, one.process))
         found = []
-        for own in sorted(places.values(), key=lambda own: -sum(share for share, _ in own)):
-            total = sum(share for share, _ in own)
-            heat = sum(share * process.std**2 for share, process in own) / total
-            noise_size = sum(share * process.noise_size for share, process in own) / total
-            found.append((total, own[0][1]._replace(std=math.sqrt(heat), noise_size=noise_size)))
-            if sum(share for share, _ in found) > _KEPT:
-                break
-        total = sum(share for share, _ in found)
-        return tuple((share / total, process) for share, process in found)
+        for total, own in _most_probable_places(posterior, _KEPT):
+            heat = sum(share * one.std**2 for share, one in own) / total
+            noise_size = sum(share * one.point.noise_size for share, one in own) / total
+            found.append((total, own[0][1].process._replace(std=math.sqrt(heat), noise_size=noise_size)))
+        all_found = sum(share for share, _ in found)
+        return tuple((share / all_found, process) for share, process in found)
+
+    def not_excluded(self, posterior: list[tuple[float, _Tried]]) -> tuple[_Weighted, ...]:
+        """The places that a search in the residual of a later fit need try."""
+        places = (own[0][1].place for _, own in _most_probable_places(posterior, _SEARCHED_AGAIN))
+        return tuple(_Weighted(*place[:2], self._doublings.get(place.profile, 1.0)) for place in places)
 
     def refined(self) -> _Tried:
         """The minimum about the best point of the grid, for the smoothness with the lower cost."""
@@ -488,6 +522,19 @@ class _Search:
         """The minimum over sizes up to four times smaller or larger than a first one."""
         bounds = math.log(size / 4.0), math.log(size * 4.0)
         return _minimum_between(lambda log_size: self.at(place, math.exp(log_size)), bounds, _SIZE_TOLERANCE)
+
+
+def _most_probable_places(
+    posterior: list[tuple[float, _Tried]], probability: float
+) -> list[tuple[float, list[tuple[float, _Tried]]]]:
+    """The places that together have this probability, the most probable first: each one's own, and its disturbances."""
+    places: dict[_Place, list[tuple[float, _Tried]]] = {}
+    for share, one in posterior:
+        places.setdefault(one.place, []).append((share, one))
+    found = [(sum(share for share, _ in own), own) for own in places.values()]
+    found.sort(key=lambda pair: -pair[0])
+    before = itertools.accumulate((share for share, _ in found), initial=0.0)
+    return [pair for pair, total in zip(found, before, strict=False) if total <= probability]
 
 
 def _widths(numbers: list[int]) -> dict[int, float]:

@@ -21,6 +21,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 
 from .noise_covariance import NoiseCovariance, NoiseShape
@@ -58,9 +59,10 @@ def gains_by_heat(
     assert noise.disturbance is not None
     assert len(gains) == 2
     present = shape.has_reading
-    W = noise.whitening  # W' W = R^-1
-    S_W = (noise.disturbance * np.outer(present, present)) @ W.T
-    flux, trace_of_readings = S_W @ (W @ (residual * present)), np.einsum("ij,ji->i", S_W, W)
+    S, W = noise.disturbance * np.outer(present, present), noise.whitening
+    lower, _ = scipy.linalg.lapack.dlauum(W, lower=1)  # the lower triangle of R^-1 = W' W
+    inverse = np.tril(lower) + np.tril(lower, -1).T
+    flux, trace_of_readings = S @ (inverse @ (residual * present)), np.sum(S * inverse, axis=1)
     of_plates = (shape.sensor_count, shape.bin_count)
     course = flux.reshape(of_plates)[-2:] / (1.0 + gains)[:, None]
     trace = trace_of_readings.reshape(of_plates)[-2:].sum(axis=1) / (1.0 + gains)

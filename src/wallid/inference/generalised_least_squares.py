@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -52,9 +53,10 @@ from .whittle_likelihood import MIN_READINGS, estimate_noise
 
 _MAX_ITERATIONS = 4
 _MAX_WALL_ITERATIONS = 15  # with estimated wall parameters: each iteration builds the model again
-_SEARCHES = 2  # for a disturbance, in the iterations after the first; later ones keep its size and time constant
+_MAX_DISTURBED_ITERATIONS = 7  # with a disturbance
+_SEARCHES = 2  # for a disturbance, at least: the first is in the residual of a fit that may be far off
+_MOVED = 0.3  # standard errors: after a larger change a disturbance is searched for again
 _CONVERGED = 0.1  # standard errors: the iteration ends when the estimate changes by less
-_MOVED = 1.0  # standard errors: after a larger change a disturbance is searched for again
 _LARGER_NOISE = 4.0  # of the variance, over the stated one: the search starts again from other diffusivities
 _OTHER_STARTS = (1.0, 1.0 / 3.0, 3.0)  # over the first diffusivity
 
@@ -106,7 +108,10 @@ def fit_generalised_least_squares(
     fit = fit_with(simpler, first)
     if not fit.finite or max(contact_scores(case, fit).values()) < SIGNIFICANT:
         return fit
-    return fit_with(kinds, fit.diffusivity)
+    contacts = fit_with(kinds, fit.diffusivity)
+    # the score does not know that another disturbance may explain as much as the resistances
+    explained_as_well = contacts.marginal_deviance > fit.marginal_deviance - EVIDENCE
+    return fit if fit.disturbance is not None and explained_as_well else contacts
 
 
 def _first_rows(data: WindowData, rows: int | None) -> WindowData:
@@ -179,16 +184,13 @@ class _IteratedGLS:
         full_order = full_order_model_with_plates(self.case)
         start = float(np.clip(first, *self.bounds)) / self.case.wall.diffusivity_prior
         parameters, fit = self.parameters.with_values({LOG_DIFFUSIVITY: math.log(start)}), None
-        for _ in range(_MAX_WALL_ITERATIONS if bent else _MAX_ITERATIONS):
+        while True:
             point = Linearisation(self.case, self.window, self.data, self.diffusivity(parameters), parameters)
             if wall_names:
                 system = full_order = full_order_model_with_plates(self.case, point.wall)
             steps = 0 if fit is None and not minimised else self.case.choices.max_iterations
             fit = self.iterate(system, full_order, point, fit, steps)
-            change = fit.change
-            converged = change < _CONVERGED * fit.log_std and _converged(fit, parameters, bent)
-            fewest = 1 if fit.disturbance is None else _SEARCHES  # the first search is of a fit without one
-            if not math.isfinite(change) or (fit.iterations > fewest and converged):
+            if _is_last(fit, parameters, bent):
                 break
             if fit.iterations == 1 and minimised:  # of another residual the memory of the noise is not known
                 self.filter_faces_as_found(fit)
@@ -198,7 +200,6 @@ class _IteratedGLS:
                 std = np.asarray(parameters.prior_std)[indices]
                 z = np.clip(np.asarray(parameters.values)[indices] / std, last - 1.0, last + 1.0)
                 parameters = parameters.with_values(dict(zip(bent, std * clipped_to_prior(z), strict=True)))
-        assert fit is not None
         if wall_names:  # the reduced chi-square of the first iteration was that of the prior wall
             whitened = fit.noise_shape.stated_covariance().whitening @ np.asarray(fit.minimum.residual)
             z = np.asarray(fit.minimum.vector)[1:]
@@ -243,6 +244,11 @@ class _IteratedGLS:
         return self.readings - len(self.parameters.estimated_names) >= MIN_READINGS
 
     @property
+    def noise_is_estimated(self) -> bool:
+        """Whether the noise is estimated from the residual."""
+        return self.noise_option == "estimated" and self.noise_can_be_estimated
+
+    @property
     def degrees_of_freedom(self) -> int:
         """Degrees of freedom of the cost."""
         return max(self.readings - 1, 1)
@@ -257,15 +263,7 @@ class _IteratedGLS:
         if LOG_CONDUCTIVITY in parameters:
             conductivity = self.conductivity * math.exp(float(parameters[LOG_CONDUCTIVITY]))
         shape = self._noise_shape(system, point, conductivity / case.wall.length, self.bins)
-        estimated = self.noise_option == "estimated" and self.noise_can_be_estimated
-        noise = _noise_of_residual(shape, last) if last is not None and estimated else shape.stated_covariance()
-        disturbance = None
-        if last is not None and self.disturbance_option != "none" and self._can_search(last):
-            readings = self._disturbed_readings(point, conductivity / case.wall.length)
-            disturbance = self._disturbance(system, point, conductivity / case.wall.length, readings, last, noise)
-            if disturbance is not None:
-                degrees = float(self.readings - len(parameters.estimated_names))
-                noise = disturbance.noise_beside(shape, readings, degrees)
+        noise, disturbance = self._noise(system, point, conductivity / case.wall.length, shape, last)
         problem = LikelihoodProblem(
             system=system,
             data=self.data,
@@ -289,13 +287,32 @@ class _IteratedGLS:
         chi_square = float(minimum.cost) / self.degrees_of_freedom if last is None else last.reduced_chi_square
         iterations = 1 if last is None else last.iterations + 1
         return GLSFit(
-            problem, minimum, shape, noise, self.kinds, chi_square, estimated or disturbance is not None, iterations,
-            disturbance=disturbance,
+            problem, minimum, shape, noise, self.kinds, chi_square,
+            self.noise_is_estimated or disturbance is not None, iterations, disturbance=disturbance,
         )  # fmt: skip
 
-    def _can_search(self, last: GLSFit) -> bool:
-        """Whether a disturbance can be searched for in the residual of a fit."""
-        return self.noise_can_be_estimated and last.depends_on_diffusivity
+    def _noise(
+        self, system: StateSpace, point: Linearisation, conductance: float, shape: NoiseShape, last: GLSFit | None
+    ) -> tuple[NoiseCovariance, Disturbance | None]:
+        """The covariance of the readings at a point and the disturbance in it, by the residual of the last iteration.
+
+        Args:
+            conductance: k/L, W/m2/K. shape: of the noise's covariance. last: None in the first iteration.
+        """
+        if last is None:
+            return shape.stated_covariance(), None
+
+        @cache  # beside plates a disturbance does without it
+        def alone() -> NoiseCovariance:
+            return _noise_of_residual(shape, last) if self.noise_is_estimated else shape.stated_covariance()
+
+        if self.disturbance_option != "none" and self.noise_can_be_estimated and last.depends_on_diffusivity:
+            readings = self._disturbed_readings(point, conductance)
+            found = self._disturbance(system, point, conductance, readings, last, alone)
+            if found is not None:
+                degrees = float(self.readings - len(self.parameters.estimated_names))
+                return found.noise_beside(shape, readings, degrees), found
+        return alone(), None
 
     def _disturbed_readings(self, point: Linearisation, conductance: float) -> DisturbedReadings:
         """How heat that the model does not know would change the readings, at a point."""
@@ -312,20 +329,22 @@ class _IteratedGLS:
         conductance: float,
         readings: DisturbedReadings,
         last: GLSFit,
-        noise: NoiseCovariance,
+        alone: Callable[[], NoiseCovariance],
     ) -> Disturbance | None:
         """The disturbance found in the residual of the last iteration; None where it is not asked for."""
-        found = last.disturbance
-        if last.iterations <= _SEARCHES or last.change > _MOVED * last.log_std:
-            shape = self._noise_shape(system, point, conductance, search_bins(self.bins))
-            likelihood = RestrictedLikelihood.of_coarser_bins(
-                shape, last.noise_shape.bins, np.asarray(last.minimum.residual), last.readings_jacobian, last.deviation
-            )
-            # a plate's own noise has no memory of hours, unless the sensors show one
-            without, memory = None if readings.in_flux else noise, self.case.record.noise_memory
-            found = find_disturbance(readings, shape, self.record.step * self.spacing, likelihood, without, memory)
-        needed = self.disturbance_option == "on" or (found is not None and found.evidence > EVIDENCE)
-        return found if needed else None
+        if last.iterations > _SEARCHES and last.change < _MOVED * last.log_std:
+            return last.disturbance
+        shape = self._noise_shape(system, point, conductance, search_bins(self.bins))
+        likelihood = RestrictedLikelihood.of_coarser_bins(
+            shape, last.noise_shape.bins, np.asarray(last.minimum.residual), last.readings_jacobian, last.deviation
+        )
+        # a plate's own noise has no memory of hours, unless the sensors show one
+        without, memory = None if readings.in_flux else alone(), self.case.record.noise_memory
+        enough = EVIDENCE if last.iterations < _SEARCHES else math.inf
+        among = last.disturbance.probable if last.disturbance is not None and last.iterations > _SEARCHES else ()
+        step = self.record.step * self.spacing
+        found = find_disturbance(readings, shape, step, likelihood, without, memory, enough, among)
+        return found if self.disturbance_option == "on" or found.evidence > EVIDENCE else None
 
     def _noise_shape(
         self, system: StateSpace, point: Linearisation, conductance: float, bins: BinnedReadings
@@ -364,6 +383,20 @@ def _with_heat_in_gains(
         nuisance=replace(problem.nuisance, heat_by_gain=by_heat.columns),
         prior_mean=problem.prior_mean.at[plates].set(by_heat.prior_mean),
     )
+
+
+def _is_last(fit: GLSFit, before: Parameters, names: Sequence[str]) -> bool:
+    """Whether the iteration ends with a fit.
+
+    Args:
+        before: the parameters before it.
+        names: of those on which the readings depend in a way that is far from linear.
+    """
+    if not math.isfinite(fit.change):
+        return True
+    searches, most = (1, _MAX_ITERATIONS) if fit.disturbance is None else (_SEARCHES, _MAX_DISTURBED_ITERATIONS)
+    converged = fit.change < _CONVERGED * fit.log_std and _converged(fit, before, names)
+    return (converged and fit.iterations > searches) or fit.iterations >= (_MAX_WALL_ITERATIONS if names else most)
 
 
 def _converged(fit: GLSFit, before: Parameters, names: Sequence[str]) -> bool:

@@ -194,7 +194,6 @@ class NoiseCovariance:
     Args:
         white, autocorrelated: variances of the white and of the autocorrelated part, over the stated variance.
         correlation: of the autocorrelated part, from row to row.
-        whitening: W, lower triangular, with `W' W` the inverse covariance of the binned readings.
         covariance: of the binned readings, K2.
         rms_of_outputs: root mean square of the noise alone at the rows of each output, in its unit; NaN without a
             reading.
@@ -209,7 +208,6 @@ class NoiseCovariance:
     white: float
     autocorrelated: float
     correlation: float
-    whitening: np.ndarray = field(repr=False)
     covariance: np.ndarray = field(repr=False)
     rms_of_outputs: np.ndarray = field(repr=False)
     log_power_std: float = 0.0
@@ -218,6 +216,15 @@ class NoiseCovariance:
     std_ratio: np.ndarray = field(default_factory=lambda: np.ones(1), repr=False)
     whitenings_of_parts: dict[bytes, np.ndarray] = field(default_factory=dict, repr=False)
     disturbance: np.ndarray | None = field(default=None, repr=False)
+
+    @cached_property
+    def whitening(self) -> Float[np.ndarray, "reading reading"]:
+        """W, lower triangular, with `W' W` the inverse of the covariance.
+
+        Raises:
+            numpy.linalg.LinAlgError: the covariance is not positive definite.
+        """
+        return whitening_of(self.covariance)
 
     @cached_property
     def quantile(self) -> float:
@@ -300,9 +307,6 @@ class NoiseShape:
 
         Args:
             disturbance: the readings' covariance by a disturbance, K2; None for none.
-
-        Raises:
-            numpy.linalg.LinAlgError: the covariance is not positive definite.
         """
         C = scipy.linalg.toeplitz(self._autocovariance_of_noise(white, autocorrelated, rho))
         n, counts = self.bin_count, self.counts
@@ -320,7 +324,7 @@ class NoiseShape:
         R[missing] = R[:, missing] = 0.0
         R[missing, missing] = 1.0
         rms = self._rms_of_outputs(white, autocorrelated, rho)
-        return NoiseCovariance(white, autocorrelated, rho, whitening_of(R), R, rms, disturbance=disturbance)
+        return NoiseCovariance(white, autocorrelated, rho, R, rms, disturbance=disturbance)
 
     def faces_covariance(self, white: float, autocorrelated: float, rho: float) -> Float[np.ndarray, "reading reading"]:
         """The part of the covariance by the faces' noise and what they do between their readings, K2; without gaps."""
