@@ -16,11 +16,11 @@ from wallid.case.planned_campaign import CampaignSettings
 from wallid.discrepancy import search_for_effects
 from wallid.discrepancy.effect_fit import linearised_at, refit
 from wallid.discrepancy.model_with_effects import predict
-from wallid.discrepancy.next_measurement import added_instrument, changed_faces, refits, search
+from wallid.discrepancy.next_measurement import added_instrument, candidate_records, changed_faces, refits, search
 from wallid.discrepancy.next_measurement.actions import EFFORTS, Action, Prescription, best_actions
 from wallid.discrepancy.next_measurement.added_instrument import RecordWithFirstSensor
 from wallid.discrepancy.next_measurement.added_sensor import added_sensors
-from wallid.discrepancy.next_measurement.candidate_records import LongerRecord, RecordWithSensor
+from wallid.discrepancy.next_measurement.candidate_records import LongerRecord, RecordWithSensor, records_with_sensor
 from wallid.discrepancy.next_measurement.changed_records import SwappedRecord, changed_records, swapped_records
 from wallid.discrepancy.next_measurement.confusable_sets import ConfusableSet, confusable_sets
 from wallid.discrepancy.next_measurement.informative_records import open_diffusivities
@@ -293,6 +293,13 @@ def test_a_rivals_position_is_searched_anew(found, monkeypatch):
     assert cost(far.parameters, layers) - own > want + 5.0
 
 
+def test_no_sensor_is_proposed_where_there_is_one(found, monkeypatch):
+    """The present sensors are at 0.1 and 0.3 m of 0.4."""
+    monkeypatch.setattr(candidate_records, "SHARES", np.array([0.2495, 0.5, 0.75]))
+    (record,) = records_with_sensor(PresentRecord((found.after,)))
+    assert record.parameters()["position"] == 0.2
+
+
 @pytest.mark.slow
 def test_a_longer_record_makes_an_uninformative_one_informative(found):
     case = found.problem.case
@@ -313,11 +320,19 @@ def test_a_column_is_worth_logging_where_its_effect_would_be_named(found):
     case = replace(found.problem.case, record=replace(record, regressors=without))
     problem = diagnosis_problem(case)
     plain = CandidateFits(problem).fit_plain_model()
-    columns = {one.column: one for one in unlogged_columns(replace(found, problem=problem, before=plain))}
+    left = replace(found, problem=problem, before=plain, after=plain, effects=(), rivals=())
+    columns = {one.column: one for one in unlogged_columns(left)}
     assert set(columns) == {"irradiance", "air_outdoor"}
     assert all(0.0 <= one.probability <= 1.0 for one in columns.values())
     assert {one.effect.name for one in columns["irradiance"].effects} == {"solar_gain"}
     assert {one.effect.name for one in columns["air_outdoor"].effects} == {"lateral_loss"}
+    no_gap = replace(found.gap, held_out_after=found.gap.noise_floor)
+    explained = replace(
+        left, gap=no_gap, trials=(), residual_tests_after=replace(found.residual_tests_after, p_value=0.5)
+    )
+    for one, verdict in ((left, "unnamed"), (explained, "adequate")):
+        assert one.verdict == verdict, one.incomplete
+        assert [asked.column for asked in what_to_measure(one, lambda share: None)] == ["air_outdoor", "irradiance"]
 
 
 def test_typical_courses_are_those_of_a_day(found):

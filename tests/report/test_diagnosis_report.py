@@ -20,12 +20,15 @@ import wallid
 from wallid import plot, workflow
 from wallid._internal.number_formats import format_text, terminal_text
 from wallid.cli.commands import app
+from wallid.discrepancy.next_measurement.actions import Action, Prescription
 from wallid.discrepancy.selection.acceptance import FIRST_EFFECT_LEVEL
+from wallid.discrepancy.unexplained_heat import UnexplainedHeat
 from wallid.plot import missing_effects as drawn
 from wallid.plot import residuals as remainder
 from wallid.plot.house_style import contrast
 from wallid.report import figures
 from wallid.report.captions import alternative_text
+from wallid.report.next_steps import next_steps
 from wallid.report.page import render_page as page_of
 from wallid.report.result_json import result_entries
 from wallid.report.svg import draw_figure
@@ -377,6 +380,48 @@ def test_the_similarity_of_effects_is_shown_only_where_one_may_be_missing(adequa
         drawn_ = [draw_figure(*one) for one in figures.diagnosis_figures(found)]
         text = page_of(run, result_entries(run), drawn_)
         assert (found.verdict == "adequate") != shown and ("Similarity of the effects" in text) == shown
+
+
+def page_with(found):
+    """The report of a diagnosis, its text and its figures."""
+    run, made = Run(found.problem.case, diagnosis=found), dict(figures.diagnosis_figures(found))
+    html = page_of(run, result_entries(run), [draw_figure(*one) for one in made.items()])
+    return run, check(html).text, made
+
+
+def effect_of(found, name):
+    return next(one for one in found.problem.library if one.effect.name == name)
+
+
+def test_the_report_says_what_to_measure_next(adequate, unnamed):
+    """One question with a sensor's place, and two columns that were not logged, which share a panel."""
+    two = effect_of(unnamed, "sensor_offset"), effect_of(unnamed, "face_offset")
+    sensor = Action("sensor", {"position": 0.1}, 10.0, 3.0, 0.8)
+    question = Prescription(two, ("one", "other"), 0.2, (sensor,), ("sensor",), ((0.05, 0.6), (0.1, 0.8)))
+    columns = tuple(
+        Prescription((effect_of(unnamed, name),), (name,), 0.0, (action,), ("column",), column=column)
+        for name, column in (("solar_gain", "irradiance"), ("lateral_loss", "air_outdoor"))
+        for action in [Action("column", {"column": column}, 10.0, 1.0, 0.9)]
+    )
+    asked = (question, *columns)
+    run, text, made = page_with(replace(unnamed, prescriptions=asked))
+    assert "What would settle it" in text and all(format_text(one.sentence) in text for one in asked)
+    place, action, empty, logged = made["next"].axes
+    assert place.lines[0].get_ydata().tolist() == [0.6, 0.8] and not empty.axison
+    assert [label.get_text() for label in action.get_yticklabels()] == ["sensor at 10 cm"]
+    assert [label.get_text() for label in logged.get_yticklabels()] == ["log irradiance", "log air outdoor"]
+    assert logged.get_title(loc="left") == "Columns that were not logged"
+    assert [one.step in next_steps(run) for one in asked] == [True, True, True]
+    run, text, made = page_with(replace(adequate, prescriptions=columns))
+    assert "What else could be tested" in text and "What would settle it" not in text and "next" in made
+    assert not any(one.step in next_steps(run) for one in columns)
+
+
+def test_the_report_shows_what_is_left_as_heat(unnamed):
+    heat = UnexplainedHeat(unnamed.before).course()
+    _, text, made = page_with(replace(unnamed, unknown_heat=heat))
+    assert "What is left, as heat" in text and format_text(heat.sentence) in text
+    assert len(made["heat"].axes) == 3 and made["heat"].axes[0].lines[0].get_ydata() == pytest.approx(heat.course)
 
 
 def test_the_figures_of_a_diagnosis_have_dates(explanation):

@@ -52,7 +52,7 @@ def action_probabilities(prescription: Prescription, *, legend: bool = True, ax:
     ax.set_yticks(range(len(names)), names)
     ax.invert_yaxis()
     ax.set(xlabel="probability that the next diagnosis is right", xlim=(0.0, 1.12))
-    ax.set_title("Actions")
+    ax.set_title("Columns that were not logged" if prescription.column else "Actions")
     ax.grid(visible=False, axis="y")
     if legend:
         legend_below(ax)
@@ -63,5 +63,6 @@ def action_probabilities(prescription: Prescription, *, legend: bool = True, ax:
 def _reference_lines(prescription: Prescription, line: object) -> None:
     """The probability of a repeat, and that from which an action is proposed."""
     assert callable(line)
-    line(prescription.now, color=ORANGE, ls="--", label="a repeat of this record")
+    if not prescription.column:  # no repeat answers the question without the column
+        line(prescription.now, color=ORANGE, ls="--", label="a repeat of this record")
     line(HELPFUL, color=GREY, ls=":", label="least probability of a proposal")

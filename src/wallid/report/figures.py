@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from io import BytesIO
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ from .. import plot
 from ..case.case_definition import Case
 from ..case.time_window import Window, diagnosis_window, entire_record
 from ..discrepancy.effect_fit import EffectFit
+from ..discrepancy.next_measurement.actions import Prescription
 from ..discrepancy.residual_tests import ResidualTests
 from ..discrepancy.result.diagnosis_result import Diagnosis
 from ..estimation.diffusivity import sensitivity_in_kelvin
@@ -291,8 +293,8 @@ def diagnosis_figures(diagnosis: Diagnosis) -> Iterator[tuple[str, Figure]]:
     """
     with plot.style():
         yield "missing", _missing_figure(diagnosis)
-        if any(one.curve or one.actions for one in diagnosis.prescriptions):
-            yield "next", _next_figure(diagnosis)
+        if questions := _drawn_questions(diagnosis):
+            yield "next", _next_figure(questions)
         if diagnosis.unknown_heat is not None:
             yield "heat", _heat_figure(diagnosis.unknown_heat)
         yield "residuals", _residuals_figure(diagnosis)
@@ -339,9 +341,16 @@ def _residuals_figure(diagnosis: Diagnosis) -> Figure:
     return figure
 
 
-def _next_figure(diagnosis: Diagnosis) -> Figure:
-    """A row for each question: the sensor by its place, and the actions."""
+def _drawn_questions(diagnosis: Diagnosis) -> list[Prescription]:
+    """The questions with something to draw; those of columns that were not logged as one."""
     shown = [one for one in diagnosis.prescriptions if one.curve or one.actions]
+    questions, columns = ([one for one in shown if bool(one.column) is is_column] for is_column in (False, True))
+    together = tuple(action for one in columns for action in one.actions)
+    return [*questions, *(replace(one, actions=together) for one in columns[:1])]
+
+
+def _next_figure(shown: list[Prescription]) -> Figure:
+    """A row for each question: the sensor by its place, and the actions."""
     places = any(one.curve for one in shown)
     heights = [1.7 + 0.25 * max(3, len(one.actions)) for one in shown]
     figure, axes = plot.figure(len(shown), 2 if places else 1, width=9.6 if places else 6.4, height=heights)

@@ -107,7 +107,9 @@ def _after_diagnosis(found: Diagnosis) -> list[str]:
         steps.append("do not rely on the diffusivity beyond its interval")
     elif not any(one.actions for one in found.prescriptions):
         steps.append("record days with larger variations of the face temperatures, longer, or with a further sensor")
-    return [*steps, *(one.step for one in found.prescriptions if one.actions)]
+    # a column that was not logged is needed where something unknown is left
+    asked = (one for one in found.prescriptions if not one.column or found.verdict == "unnamed")
+    return [*steps, *(one.step for one in asked if one.actions)]
 
 
 def _sun_on_faces(found: Diagnosis) -> Iterator[str]:

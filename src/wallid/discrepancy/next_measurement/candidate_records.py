@@ -20,6 +20,7 @@ from .separation import Explanation
 
 SHARES = np.linspace(0.1, 0.9, 9)
 """Positions over the wall's length at which a sensor is tried."""
+_APART = 1e-3  # m: two sensors are not closer
 _LENGTHS = (1.5, 2.0, 3.0, 4.0, 6.0)  # of a longer record, in lengths of the present one
 _LONGEST = 366.0  # days
 
@@ -167,10 +168,15 @@ class RecordWithSensor(CandidateRecord):
 
 
 def records_with_sensor(present: PresentRecord) -> Iterator[RecordWithSensor]:
-    """A record with one more sensor at each of nine places across the wall; none without a present sensor."""
-    if not present.problem.case.sensors:
+    """A record with one more sensor at each of nine places across the wall but where there is one.
+
+    None without a present sensor.
+    """
+    case = present.problem.case
+    if not case.sensors:
         return
-    positions = (SHARES * present.problem.case.wall.length).tolist()
+    taken = np.array([sensor.position for sensor in case.sensors])
+    positions = [place for place in (SHARES * case.wall.length).tolist() if np.abs(taken - place).min() > _APART]
     for added in added_sensors(present, positions):
         yield RecordWithSensor(present, added)
 

@@ -27,7 +27,7 @@ def what_to_measure(
     """What to measure next, for each question that a diagnosis leaves open.
 
     Effects that the record cannot distinguish, a record that does not determine the diffusivity, and effects that
-    could not be tested because a column was not logged, where something unknown is missing.
+    could not be tested because a column was not logged.
 
     Args:
         findings: of the diagnosis.
@@ -37,13 +37,14 @@ def what_to_measure(
     efforts = {**EFFORTS, **dict(findings.problem.case.choices.efforts)}
     if findings.verdict == "uninformative":
         return (_for_uninformative(findings, efforts, weather),)
-    if findings.verdict == "unnamed":
-        return tuple(_for_unlogged(findings, efforts))
     sets = list(confusable_sets(findings)) if findings.verdict == "confusable" else []
-    return tuple(
-        _for_confusable(one, efforts, lambda share, k=k: progress((k + share) / len(sets)), weather)
+    parts = len(sets) + 1
+    found = [
+        _for_confusable(one, efforts, lambda share, k=k: progress((k + share) / parts), weather)
         for k, one in enumerate(sets)
-    )
+    ]
+    progress(len(sets) / parts)
+    return (*found, *_for_unlogged(findings, efforts))
 
 
 def _for_confusable(

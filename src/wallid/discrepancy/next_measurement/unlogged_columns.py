@@ -2,9 +2,9 @@
 
 The course of the column is a typical one: a half-sine of irradiance from 6 to 18 h under a sky that changes from day
 to day, air that follows the faces, and for a plan heating in the morning and in the evening. With the score test of the
-entire library (`score_test`) a size phi has the squared distance
+entire library against the model of the diagnosis (`score_test`) a size phi has the squared distance
 
-    d^2 = phi^2 |z|^2            from the plain model, and
+    d^2 = phi^2 |z|^2            from this model, and
     d^2 = phi^2 |z|^2 (1 - c^2)  from a rival with the cosine c of both derivatives
 
 The size is the typical one of the effect, with a factor of two either way.
@@ -55,7 +55,7 @@ def unlogged_columns(findings: Findings) -> Iterator[UnloggedColumn]:
     columns = unlogged(findings.problem.sensor_count, findings.problem.record.regressors)
     if not columns:
         return
-    scores = _scores_with(findings.before, columns)
+    scores = _scores_with(findings.final, columns)
     problem = scores.base.problem
     for column in columns:
         effects = tuple(one for one in problem.library if column in one.effect.required_regressors())
@@ -64,14 +64,15 @@ def unlogged_columns(findings: Findings) -> Iterator[UnloggedColumn]:
             yield UnloggedColumn(column, effects, problem, float(np.mean(chances)))
 
 
-def _scores_with(plain: EffectFit, columns: list[str]) -> CandidateScores:
-    """The score test of the library with typical courses of some columns."""
-    case = plain.problem.case
+def _scores_with(final: EffectFit, columns: list[str]) -> CandidateScores:
+    """The score test of the library against the model of a diagnosis, with typical courses of some columns."""
+    case, named = final.problem.case, {one.names for one in final.active}
     typical = typical_courses(case.record, SIDES.index(case.wall.outside))
     record = replace(case.record, regressors=dict(case.record.regressors) | {key: typical[key] for key in columns})
     problem = diagnosis_problem(replace(case, record=record))
-    parameters = problem.parameters.with_known_values(plain.parameters.to_dict())
-    return CandidateFits(problem).score_candidates(refit(problem, (), parameters, plain.noise))
+    parameters = problem.parameters.with_known_values(final.parameters.to_dict())
+    active = tuple(one for one in problem.library if one.names in named)
+    return CandidateFits(problem).score_candidates(refit(problem, active, parameters, final.noise))
 
 
 def _chance(scores: CandidateScores, effect: EffectParameters) -> float:
@@ -80,7 +81,7 @@ def _chance(scores: CandidateScores, effect: EffectParameters) -> float:
     best = int(own[np.argmax(scores.norm[own])])
     rivals = np.array([k for k in range(len(scores.candidates)) if scores.effect(k) is not effect], int)
     cosine, squared = scores.cosine[best, rivals], (effect.effect.parameters[0].scale * scores.norm[best]) ** 2
-    # the residuals u - c_j u_j behind the rivals, and u behind the plain model
+    # the residuals u - c_j u_j behind the rivals, and u behind the model without it
     inner = scores.cosine[np.ix_(rivals, rivals)] * np.outer(cosine, cosine)
     inner = 1.0 - cosine[:, None] ** 2 - cosine[None, :] ** 2 + inner
     inner = np.block([[inner, (1.0 - cosine**2)[:, None]], [(1.0 - cosine**2)[None, :], np.ones((1, 1))]])
