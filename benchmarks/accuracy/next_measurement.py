@@ -4,7 +4,8 @@ Records are those of the discrepancy benchmark with one hidden effect. Each whos
 again by the independent simulator, with other weather and other noise, as the best proposed action says, and diagnosed
 again. It settled the question where the hidden effect is named and no other effect of the set is, nor is one an
 alternative: the stated probability is of this event. It came true where the hidden effect is named alone and has no
-alternative at all, which is more. Where nothing was proposed, five actions are tried. The errors of places stay, also
+alternative at all, which is more. Where nothing was proposed, five actions are tried, and the most probable of those
+that were compared. The errors of places stay, also
 where two sensors are exchanged; a new sensor or plate has its own.
 
 The stated probability is averaged over which effect of the set is the true one, so sets without the hidden effect are
@@ -153,16 +154,23 @@ def one(name: str, number: int, spec: Spec) -> Iterator[dict]:
         others = {_name(found, effect) for effect in prescription.separate} - {spec.effects[0][:2]}
         if prescription.actions:
             action = prescription.actions[0].to_dict()
-            then = measured_again(spec, action)
-            again = diagnosed(then, noise)
-            outcome = {"true": right(again, then), "settled": settled(again, then, _exchanged_names(others, action))}
-            yield line | {"action": action, **outcome, "then": again.verdict, "said": again.sentence}
+            yield line | {"action": action, **_outcome(spec, action, noise, others)}
         else:
+            refused = None if prescription.refused is None else prescription.refused.to_dict()
+            outcome = {} if refused is None or not holds else _outcome(spec, refused, noise, others)
             tried = {}
-            for refused in _REFUSED if holds else ():
-                again = diagnosed(measured_again(spec, refused), noise)
-                tried[json.dumps(refused)] = settled(again, spec, others)
-            yield line | {"action": None, "tried": tried}
+            for other in _REFUSED if holds else ():
+                again = diagnosed(measured_again(spec, other), noise)
+                tried[json.dumps(other)] = settled(again, spec, others)
+            yield line | {"action": None, "refused": refused, **outcome, "tried": tried}
+
+
+def _outcome(spec: Spec, action: dict, noise: int, others: set[tuple[str, str | None]]) -> dict:
+    """What the diagnosis of the next campaign says; `others` are names and targets in the present one."""
+    then = measured_again(spec, action)
+    again = diagnosed(then, noise)
+    true, is_settled = right(again, then), settled(again, then, _exchanged_names(others, action))
+    return {"true": true, "settled": is_settled, "then": again.verdict, "said": again.sentence}
 
 
 def summary(lines: list[dict]) -> Iterator[str]:
@@ -172,9 +180,12 @@ def summary(lines: list[dict]) -> Iterator[str]:
     known = [line for line in acted if line["holds_truth"]]
     yield f"{len(lines)} records, {len(sets)} confusable sets, {len(acted)} with an action, {len(known)} with the truth"
     for event in ("settled", "true"):
-        yield from _by_bins(known, event)
-    yield f"whether or not with the truth: {sum(line['settled'] for line in acted)} of {len(acted)} settled"
+        yield from _by_bins([line | {"chosen": line["action"]} for line in known], event)
     refused = [line for line in sets if line["action"] is None and line["holds_truth"]]
+    tested = [line | {"chosen": line["refused"]} for line in refused if line.get("refused")]
+    yield "with the most probable action where none is proposed:"
+    yield from _by_bins([*(line | {"chosen": line["action"]} for line in known), *tested], "settled")
+    yield f"whether or not with the truth: {sum(line['settled'] for line in acted)} of {len(acted)} settled"
     worked = sum(any(line["tried"].values()) for line in refused)
     yield f"nothing will: {len(refused)}; {worked} had an action that worked"
 
@@ -183,7 +194,7 @@ def _by_bins(lines: list[dict], event: str) -> Iterator[str]:
     """The stated probability against how often an event came true, in each bin, and the Brier skill."""
     if not lines:
         return
-    stated = np.array([line["action"]["probability"] for line in lines])
+    stated = np.array([line["chosen"]["probability"] for line in lines])
     true = np.array([line[event] for line in lines], float)
     yield f"{event}: {true.sum():.0f} of {len(lines)}"
     for low, high in pairwise(_BINS):
@@ -192,8 +203,9 @@ def _by_bins(lines: list[dict], event: str) -> Iterator[str]:
             mean = stated[own].mean()
             band = binom.ppf([0.00625, 0.99375], count, mean) / count
             yield f"| {low} to {high} | {count} | {mean:.2f} | {true[own].mean():.2f} | {band.round(2)} |"
-    skill = 1.0 - np.mean((stated - true) ** 2) / max(float(np.mean((true.mean() - true) ** 2)), 1e-12)
-    yield f"Brier skill {skill:.2f}"
+    spread = max(float(np.mean((true.mean() - true) ** 2)), 1e-12)
+    skill, if_exact = (1.0 - np.mean(error) / spread for error in ((stated - true) ** 2, stated * (1.0 - stated)))
+    yield f"Brier skill {skill:.2f}; expected where each probability is exact {if_exact:.2f}"
 
 
 def main() -> None:

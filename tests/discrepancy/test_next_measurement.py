@@ -17,7 +17,7 @@ from wallid.discrepancy import search_for_effects
 from wallid.discrepancy.effect_fit import linearised_at, refit
 from wallid.discrepancy.model_with_effects import predict
 from wallid.discrepancy.next_measurement import added_instrument, candidate_records, changed_faces, refits, search
-from wallid.discrepancy.next_measurement.actions import EFFORTS, Action, Prescription, best_actions
+from wallid.discrepancy.next_measurement.actions import EFFORTS, Action, Prescription, best_actions, not_probable_enough
 from wallid.discrepancy.next_measurement.added_instrument import RecordWithFirstSensor
 from wallid.discrepancy.next_measurement.added_sensor import added_sensors
 from wallid.discrepancy.next_measurement.candidate_records import LongerRecord, RecordWithSensor, records_with_sensor
@@ -371,6 +371,10 @@ def test_the_best_actions_weigh_probability_and_effort():
     assert unlogged.sentence == (
         "To test for solar gain, nothing that was tried is probably enough: logging the irradiance on the outer face."
     )
+    weak = replace(unlogged, refused=action("column", 0.3, 1.0, column="irradiance"))
+    assert weak.sentence.endswith("face. Most probable: log the irradiance on the outer face (0.30).")
+    assert not_probable_enough([weak.refused, *best.actions]) is None and not_probable_enough([]) is None
+    assert not_probable_enough([weak.refused]) is weak.refused
     assert none.step == "" and "a further temperature sensor or a record of up to six times the length" in none.sentence
 
 

@@ -56,7 +56,8 @@ _NOISE_SIZES = np.exp(np.arange(-5.0, 5.1, _NOISE_STEP))
 _TIME_TOLERANCE, _SIZE_TOLERANCE = 0.05, 0.02  # of the logarithms at the best point
 _KEPT = 0.98  # probability of the places and time constants that a forecast averages over
 _SEARCHED_AGAIN = 0.999  # and of those that a search in the residual of a later fit is limited to
-_FIRST_DEPTH = DEPTHS_PER_DOUBLING  # number of the depth that is tried at every time constant: 1/12
+_FIRST_DEPTH = DEPTHS[DEPTHS_PER_DOUBLING]  # 1/12 of the length
+_FIRST_PROFILES = HeatProfile("wall"), HeatProfile("left", _FIRST_DEPTH), HeatProfile("right", _FIRST_DEPTH)
 _RESOLVED = 1.0  # of -2 log L, between a depth and its neighbours, below which none between them is tried
 _NEGLIGIBLE = 12.0  # of -2 log L, above the best depth's
 _SMOOTHNESS: tuple[Smoothness, ...] = ("matern-1/2", "matern-3/2")
@@ -321,15 +322,15 @@ def find_disturbance(
         likelihood: of the residual of the readings in the bins of `shape`.
         without: the noise as estimated without a disturbance; None for noise of the same shape as beside one.
         memory: shape of the noise beside the disturbance.
-        enough: evidence from which the best point of a first grid is taken as it is: one depth behind each face.
+        enough: evidence from which the best point of the first grid, with one depth behind each face, is taken as it
+            is.
         among: what an earlier search has left; none for everything.
     """
     search = _Search(readings, shape, step, likelihood, memory)
-    first = HeatProfile("wall"), HeatProfile("left", DEPTHS[_FIRST_DEPTH]), HeatProfile("right", DEPTHS[_FIRST_DEPTH])
     if among:
         search.try_again(among)
     else:
-        search.try_all(itertools.product(first, search.times))
+        search.try_all(itertools.product(_FIRST_PROFILES, search.times))
     none = likelihood.at(search.noise).cost
     if without is not None:
         total = without.white + without.autocorrelated

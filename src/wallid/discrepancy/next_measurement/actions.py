@@ -118,6 +118,7 @@ class Prescription:
         tried: the kinds of action that were tried.
         curve: positions (m) and probabilities of one more sensor; empty where none was tried.
         column: that the effects need; empty where they could be tested for.
+        refused: the most probable action where none is probable enough.
     """
 
     separate: tuple[EffectParameters, ...]
@@ -127,6 +128,7 @@ class Prescription:
     tried: tuple[ActionKind, ...]
     curve: tuple[tuple[float, float], ...] = field(default=(), repr=False)
     column: str = ""
+    refused: Action | None = field(default=None, repr=False)
 
     @property
     def question(self) -> str:
@@ -148,7 +150,9 @@ class Prescription:
         if not self.actions:
             kinds = [_KIND_WORDS[kind] for kind in self.tried]
             tried = _list_of([f"logging the {_words_of(self.column)}"] if self.column else kinds)
-            return f"{self.question}, nothing that was tried is probably enough: {tried}."
+            text = f"{self.question}, nothing that was tried is probably enough: {tried}"
+            best = self.refused
+            return f"{text}. Most probable: {best.words} ({best.probability:.2f})." if best else f"{text}."
         best, *others = self.actions
         text = (
             f"{self.question}, {best.words}: the next diagnosis is then right with probability {best.probability:.2f}"
@@ -203,6 +207,12 @@ def best_actions(actions: Sequence[Action], now: float) -> tuple[Action, ...]:
     """
     helpful = [action for action in actions if action.probability >= HELPFUL and action.probability > now]
     return tuple(sorted(helpful, key=score, reverse=True)[:_MOST_SHOWN])
+
+
+def not_probable_enough(actions: Sequence[Action]) -> Action | None:
+    """The most probable action where none is probable enough; None where one is, or none was tried."""
+    best = max(actions, key=lambda action: action.probability, default=None)
+    return None if best is None or best.probability >= HELPFUL else best
 
 
 def score(action: Action) -> float:

@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from ...records.weather_year import WeatherYear
+from ..problem import EffectParameters
 from ..result.findings import Findings
-from .actions import EFFORTS, Action, ActionKind, Prescription, best_actions, score
+from .actions import EFFORTS, Action, ActionKind, Prescription, best_actions, not_probable_enough, score
 from .added_instrument import records_with_instrument
 from .candidate_records import CandidateRecord, LongerRecord, longer_records, records_with_sensor
 from .changed_records import changed_records, swapped_records
@@ -73,9 +74,7 @@ def _for_confusable(
         actions.append(action)
     now = confusable.probability(exact_repeat)
     labels = tuple(present.problem.label(one.effect) for one in confusable.effects)
-    return Prescription(
-        confusable.effects, labels, now, best_actions(actions, now), _kinds(tried), _sensor_curve(tried)
-    )
+    return _prescription(confusable.effects, labels, now, actions, tried)
 
 
 def _for_uninformative(findings: Findings, efforts: Mapping[str, float], weather: WeatherYear | None) -> Prescription:
@@ -84,7 +83,17 @@ def _for_uninformative(findings: Findings, efforts: Mapping[str, float], weather
     now = unknown.probability(LongerRecord(unknown.present, 1.0))
     tried = _tried(unknown.present, unknown.probability, efforts, weather)
     actions = [action for _, action in _best_of_each_kind(tried)]
-    return Prescription((), (), now, best_actions(actions, now), _kinds(tried), _sensor_curve(tried))
+    return _prescription((), (), now, actions, tried)
+
+
+def _prescription(
+    effects: tuple[EffectParameters, ...], labels: tuple[str, ...], now: float, actions: Sequence[Action], tried: _Tried
+) -> Prescription:
+    """What to measure for one question, from the best action of each kind and from everything that was tried."""
+    return Prescription(
+        effects, labels, now, best_actions(actions, now), _kinds(tried), _sensor_curve(tried),
+        refused=not_probable_enough(actions),
+    )  # fmt: skip
 
 
 def _for_unlogged(findings: Findings, efforts: Mapping[str, float]) -> Iterator[Prescription]:
@@ -93,7 +102,10 @@ def _for_unlogged(findings: Findings, efforts: Mapping[str, float]) -> Iterator[
     for one in unlogged_columns(findings):
         action = Action("column", {"column": one.column}, days, efforts["column"], one.probability)
         labels = tuple(one.problem.label(effect.effect) for effect in one.effects)
-        yield Prescription(one.effects, labels, 0.0, best_actions([action], 0.0), ("column",), column=one.column)
+        yield Prescription(
+            one.effects, labels, 0.0, best_actions([action], 0.0), ("column",),
+            column=one.column, refused=not_probable_enough([action]),
+        )  # fmt: skip
 
 
 _Tried = list[tuple[CandidateRecord, Action]]
