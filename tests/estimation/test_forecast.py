@@ -272,5 +272,10 @@ def test_on_the_command_line(tmp_path):
     page = check((out / "report.html").read_text("utf-8"))
     assert "Can the bands be believed?" in page.text
     assert page_environment().get_template("forecast.html")
+    shorter = CliRunner().invoke(app, [*arguments, "--days", "3.5", "--faces", "persistence"])
+    assert shorter.exit_code == 0, shorter.output
+    again = json.loads(shorter.stdout)
+    assert again["forecast"]["faces"] == "persistence" and result["forecast"]["faces"] == "record"
+    assert again["disturbance"] != result["disturbance"]  # estimated from three and a half days instead of four
     wrong = CliRunner().invoke(app, ["forecast", str(tmp_path), "--from", "never", "--out", str(out)])
     assert wrong.exit_code == 2 and "--from never" in wrong.stderr

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pvlib
 import pytest
+from own_case import write_own
 from typer.testing import CliRunner
 
 import wallid
@@ -300,6 +301,21 @@ def test_settings_that_cannot_be(folder):
     (folder / "far.toml").write_text(CASE + '[[sensor]]\nname = "T1"\nposition = 7.0\nnoise_std = 0.05\n')
     with pytest.raises(wallid.InputError, match="not inside the wall"):
         wallid.load_campaign(folder / "far.toml")
+
+
+def test_a_plan_beside_a_record(tmp_path):
+    """The plan of another campaign at a wall with a record, with its sensors' noise."""
+    shutil.copy(TMY3, tmp_path / "weather.csv")
+    path = write_own(tmp_path)
+    assert wallid.load(path).plan is None
+    path.write_text(path.read_text() + '[plan]\nweather = "weather.csv"\nazimuth = 90\n')
+    case, campaign = wallid.load(path), wallid.load_campaign(path)
+    assert case.plan == campaign.settings and case.plan.azimuth == 90.0
+    assert case.planned_campaign.weather_file == campaign.weather_file == tmp_path / "weather.csv"
+    assert campaign.wall == case.wall and campaign.sensor.noise_std == case.sensors[0].noise_std == 0.1
+    path.write_text(path.read_text() + "azimut = 90\n")
+    with pytest.raises(wallid.InputError, match=r"\[plan\].*azimut"):
+        wallid.load(path)
 
 
 def test_other_commands_say_that_a_record_is_needed(folder):
