@@ -406,6 +406,7 @@ def test_the_report_says_what_to_measure_next(adequate, unnamed):
     asked = (question, *columns)
     run, text, made = page_with(replace(unnamed, prescriptions=asked))
     assert "What would settle it" in text and all(format_text(one.sentence) in text for one in asked)
+    assert "Left: with one more temperature sensor" in text and "For a column that was not logged" in text
     place, action, empty, logged = made["next"].axes
     assert place.lines[0].get_ydata().tolist() == [0.6, 0.8] and not empty.axison
     assert [label.get_text() for label in action.get_yticklabels()] == ["sensor at 10 cm"]
@@ -414,6 +415,7 @@ def test_the_report_says_what_to_measure_next(adequate, unnamed):
     assert [one.step in next_steps(run) for one in asked] == [True, True, True]
     run, text, made = page_with(replace(adequate, prescriptions=columns))
     assert "What else could be tested" in text and "What would settle it" not in text and "next" in made
+    assert "Left: with one more temperature sensor" not in text and "For a column that was not logged" in text
     assert not any(one.step in next_steps(run) for one in columns)
 
 

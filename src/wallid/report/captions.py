@@ -196,6 +196,21 @@ def _next_text(run: Run) -> str:
     return "" if run.diagnosis is None else " ".join(one.sentence for one in run.diagnosis.prescriptions)
 
 
+def _next_caption(run: Run) -> str:
+    asked = () if run.diagnosis is None else run.diagnosis.prescriptions
+    text = (
+        "Probability that the next diagnosis names the right effect and has no alternative to it (for a record that "
+        "does not determine the diffusivity: that the next one does)"
+    )
+    if any(one.curve for one in asked):
+        text += ". Left: with one more temperature sensor, by its place. Right: with each proposed action"
+    elif not all(one.column for one in asked):
+        text += ", with each proposed action"
+    if any(one.column for one in asked):
+        text += ". For a column that was not logged: if an effect of typical size is there, and the column is logged"
+    return f"{text}. It is averaged over which of the effects is the true one, over its size, and over the noise."
+
+
 def _windows_caption(run: Run) -> str:
     return (
         "Size of each effect of the model, estimated from each quarter of the record: an effect that exists has the "
@@ -295,10 +310,7 @@ _CAPTIONS: dict[str, tuple[str | Text, Text]] = {
         _heat_text,
     ),
     "next": (
-        "Probability that the next diagnosis names the right effect and has no alternative to it (for a record that "
-        "does not determine the diffusivity: that the next one does). Left: with one more temperature sensor, by its "
-        "place. Right: with each proposed action. The probability is averaged over which of the effects is the true "
-        "one, over its size, and over the noise.",
+        _next_caption,
         _next_text,
     ),
     "windows": (
