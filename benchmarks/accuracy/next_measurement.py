@@ -5,8 +5,7 @@ again by the independent simulator, with other weather and other noise, as the b
 again. It settled the question where the hidden effect is named and no other effect of the set is, nor is one an
 alternative: the stated probability is of this event. It came true where the hidden effect is named alone and has no
 alternative at all, which is more. Where nothing was proposed, five actions are tried, and the most probable of those
-that were compared. The errors of places stay, also
-where two sensors are exchanged; a new sensor or plate has its own.
+that were compared. The errors of places stay, also where two sensors are exchanged; a new sensor or plate has its own.
 
 The stated probability is averaged over which effect of the set is the true one, so sets without the hidden effect are
 counted apart. Records that no diagnosis could find, or that are clear at once, are left out before (`identifiability`).
@@ -158,10 +157,8 @@ def one(name: str, number: int, spec: Spec) -> Iterator[dict]:
         else:
             refused = None if prescription.refused is None else prescription.refused.to_dict()
             outcome = {} if refused is None or not holds else _outcome(spec, refused, noise, others)
-            tried = {}
-            for other in _REFUSED if holds else ():
-                again = diagnosed(measured_again(spec, other), noise)
-                tried[json.dumps(other)] = settled(again, spec, others)
+            fixed = _REFUSED if holds else ()
+            tried = {json.dumps(other): _outcome(spec, other, noise, others)["settled"] for other in fixed}
             yield line | {"action": None, "refused": refused, **outcome, "tried": tried}
 
 
@@ -180,11 +177,10 @@ def summary(lines: list[dict]) -> Iterator[str]:
     known = [line for line in acted if line["holds_truth"]]
     yield f"{len(lines)} records, {len(sets)} confusable sets, {len(acted)} with an action, {len(known)} with the truth"
     for event in ("settled", "true"):
-        yield from _by_bins([line | {"chosen": line["action"]} for line in known], event)
+        yield from _by_bins(known, event)
     refused = [line for line in sets if line["action"] is None and line["holds_truth"]]
-    tested = [line | {"chosen": line["refused"]} for line in refused if line.get("refused")]
     yield "with the most probable action where none is proposed:"
-    yield from _by_bins([*(line | {"chosen": line["action"]} for line in known), *tested], "settled")
+    yield from _by_bins([*known, *(line for line in refused if line.get("refused"))], "settled")
     yield f"whether or not with the truth: {sum(line['settled'] for line in acted)} of {len(acted)} settled"
     worked = sum(any(line["tried"].values()) for line in refused)
     yield f"nothing will: {len(refused)}; {worked} had an action that worked"
@@ -194,7 +190,7 @@ def _by_bins(lines: list[dict], event: str) -> Iterator[str]:
     """The stated probability against how often an event came true, in each bin, and the Brier skill."""
     if not lines:
         return
-    stated = np.array([line["chosen"]["probability"] for line in lines])
+    stated = np.array([(line["action"] or line["refused"])["probability"] for line in lines])
     true = np.array([line[event] for line in lines], float)
     yield f"{event}: {true.sum():.0f} of {len(lines)}"
     for low, high in pairwise(_BINS):

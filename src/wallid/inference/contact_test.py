@@ -23,7 +23,9 @@ from .gls_fit import GLSFit
 from .likelihood import LOG_CONDUCTIVITY
 
 SIGNIFICANT = 3.0
-"""Standard deviations of the score, from which on the contact resistances are estimated: one false alarm in 700."""
+"""Standard deviations of the score, from which on contact resistances are tried: one false alarm in 700.
+
+Beside a disturbance they must also explain as much as is asked of a disturbance (`generalised_least_squares`)."""
 _SMALL = 2e-3  # of the length: a resistance whose effect is linear
 
 

@@ -230,9 +230,7 @@ class RestrictedLikelihood:
 
     def at(self, covariance: Float[np.ndarray, "reading reading"]) -> _Point:
         """The minimum over the noise's size `v`, for a covariance divided by `v`."""
-        lower = np.linalg.cholesky(covariance[np.ix_(self.present, self.present)])
-        whitened = scipy.linalg.solve_triangular(lower, self.columns, lower=True)
-        return self.minimum(whitened.T @ whitened, 2.0 * float(np.sum(np.log(np.diag(lower)))))
+        return LikelihoodBesideNoise(self, covariance).alone
 
     def minimum(self, products: np.ndarray, log_det: float) -> _Point:
         """The minimum over `v`, from the whitened columns' products and ln det of the covariance divided by `v`.
@@ -285,6 +283,11 @@ class LikelihoodBesideNoise:
         self.columns = scipy.linalg.solve_triangular(self.lower, likelihood.columns, lower=True)
         self.log_det = 2.0 * float(np.sum(np.log(np.diag(self.lower))))
 
+    @property
+    def alone(self) -> _Point:
+        """The minimum over `v` for noise alone."""
+        return self.likelihood.minimum(self.columns.T @ self.columns, self.log_det)
+
     def of_size(self, unit: Float[np.ndarray, "reading reading"]) -> Callable[[float], _Point]:
         """The minimum over `v`, as a function of the size."""
         whitened_unit, _ = _sygst(unit[self.rows], self.lower, lower=1)  # its lower triangle
@@ -331,7 +334,7 @@ def find_disturbance(
         search.try_again(among)
     else:
         search.try_all(itertools.product(_FIRST_PROFILES, search.times))
-    none = likelihood.at(search.noise).cost
+    none = search.beside_noise.alone.cost
     if without is not None:
         total = without.white + without.autocorrelated
         alone = search.noise_of(NoiseMemory(without.autocorrelated / total, without.correlation))

@@ -110,8 +110,8 @@ def fit_generalised_least_squares(
         return fit
     contacts = fit_with(kinds, fit.diffusivity)
     # the score does not know that another disturbance may explain as much as the resistances
-    explained_as_well = contacts.marginal_deviance > fit.marginal_deviance - EVIDENCE
-    return fit if fit.disturbance is not None and explained_as_well else contacts
+    explains_more = contacts.marginal_deviance < fit.marginal_deviance - EVIDENCE
+    return contacts if fit.disturbance is None or explains_more else fit
 
 
 def _first_rows(data: WindowData, rows: int | None) -> WindowData:

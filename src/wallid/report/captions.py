@@ -206,7 +206,7 @@ def _next_caption(run: Run) -> str:
         text += ". Left: with one more temperature sensor, by its place. Right: with each proposed action"
     elif not all(one.column for one in asked):
         text += ", with each proposed action"
-    if any(one.column for one in asked):
+    if any(one.column and one.actions for one in asked):
         text += ". For a column that was not logged: if an effect of typical size is there, and the column is logged"
     return f"{text}. It is averaged over which of the effects is the true one, over its size, and over the noise."
 

@@ -74,7 +74,7 @@ def _for_confusable(
         actions.append(action)
     now = confusable.probability(exact_repeat)
     labels = tuple(present.problem.label(one.effect) for one in confusable.effects)
-    return _prescription(confusable.effects, labels, now, actions, tried)
+    return _prescription(confusable.effects, labels, now, actions, _kinds(tried), _sensor_curve(tried))
 
 
 def _for_uninformative(findings: Findings, efforts: Mapping[str, float], weather: WeatherYear | None) -> Prescription:
@@ -83,17 +83,21 @@ def _for_uninformative(findings: Findings, efforts: Mapping[str, float], weather
     now = unknown.probability(LongerRecord(unknown.present, 1.0))
     tried = _tried(unknown.present, unknown.probability, efforts, weather)
     actions = [action for _, action in _best_of_each_kind(tried)]
-    return _prescription((), (), now, actions, tried)
+    return _prescription((), (), now, actions, _kinds(tried), _sensor_curve(tried))
 
 
 def _prescription(
-    effects: tuple[EffectParameters, ...], labels: tuple[str, ...], now: float, actions: Sequence[Action], tried: _Tried
+    effects: tuple[EffectParameters, ...],
+    labels: tuple[str, ...],
+    now: float,
+    actions: Sequence[Action],
+    tried: tuple[ActionKind, ...],
+    curve: tuple[tuple[float, float], ...] = (),
+    column: str = "",
 ) -> Prescription:
-    """What to measure for one question, from the best action of each kind and from everything that was tried."""
-    return Prescription(
-        effects, labels, now, best_actions(actions, now), _kinds(tried), _sensor_curve(tried),
-        refused=not_probable_enough(actions),
-    )  # fmt: skip
+    """What to measure for one question, from the best action of each kind; the rest as in `Prescription`."""
+    helpful, refused = best_actions(actions, now), not_probable_enough(actions)
+    return Prescription(effects, labels, now, helpful, tried, curve, column, refused)
 
 
 def _for_unlogged(findings: Findings, efforts: Mapping[str, float]) -> Iterator[Prescription]:
@@ -102,10 +106,7 @@ def _for_unlogged(findings: Findings, efforts: Mapping[str, float]) -> Iterator[
     for one in unlogged_columns(findings):
         action = Action("column", {"column": one.column}, days, efforts["column"], one.probability)
         labels = tuple(one.problem.label(effect.effect) for effect in one.effects)
-        yield Prescription(
-            one.effects, labels, 0.0, best_actions([action], 0.0), ("column",),
-            column=one.column, refused=not_probable_enough([action]),
-        )  # fmt: skip
+        yield _prescription(one.effects, labels, 0.0, [action], ("column",), column=one.column)
 
 
 _Tried = list[tuple[CandidateRecord, Action]]
