@@ -326,6 +326,12 @@ def test_a_column_is_worth_logging_where_its_effect_would_be_named(found):
     assert all(0.0 <= one.probability <= 1.0 for one in columns.values())
     assert {one.effect.name for one in columns["irradiance"].effects} == {"solar_gain"}
     assert {one.effect.name for one in columns["air_outdoor"].effects} == {"lateral_loss"}
+    (film,) = [one for one in problem.library if one.names == found.effects[0].effect_parameters.names]
+    alone, after = (refit(problem, active, plain.parameters, found.after.noise) for active in ((), (film,)))
+    without_film = {one.column: one for one in unlogged_columns(replace(left, before=alone, after=alone))}
+    for one in unlogged_columns(replace(left, effects=found.effects, after=after)):
+        # of the same noise: what the film explains is projected out, and a further effect needs more evidence
+        assert 0.0 < one.probability < without_film[one.column].probability
     no_gap = replace(found.gap, held_out_after=found.gap.noise_floor)
     explained = replace(
         left, gap=no_gap, trials=(), residual_tests_after=replace(found.residual_tests_after, p_value=0.5)
@@ -373,8 +379,11 @@ def test_the_best_actions_weigh_probability_and_effort():
     )
     weak = replace(unlogged, refused=action("column", 0.3, 1.0, column="irradiance"))
     assert weak.sentence.endswith("face. Most probable: log the irradiance on the outer face (0.30).")
-    assert not_probable_enough([weak.refused, *best.actions]) is None and not_probable_enough([]) is None
-    assert not_probable_enough([weak.refused]) is weak.refused
+    assert not_probable_enough([weak.refused, *best.actions], 0.1) is None and not_probable_enough([], 0.1) is None
+    assert not_probable_enough([weak.refused], 0.1) is weak.refused
+    assert not_probable_enough([weak.refused], 0.3) is None  # no better than a repeat
+    logged = replace(unlogged, actions=(column,))
+    assert logged.sentence.endswith("face: an effect of typical size is then named with probability 0.80.")
     assert none.step == "" and "a further temperature sensor or a record of up to six times the length" in none.sentence
 
 

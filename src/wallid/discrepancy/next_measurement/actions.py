@@ -118,7 +118,7 @@ class Prescription:
         tried: the kinds of action that were tried.
         curve: positions (m) and probabilities of one more sensor; empty where none was tried.
         column: that the effects need; empty where they could be tested for.
-        refused: the most probable action where none is probable enough.
+        refused: the most probable action where none is probable enough, but better than a repeat.
     """
 
     separate: tuple[EffectParameters, ...]
@@ -154,9 +154,8 @@ class Prescription:
             best = self.refused
             return f"{text}. Most probable: {best.words} ({best.probability:.2f})." if best else f"{text}."
         best, *others = self.actions
-        text = (
-            f"{self.question}, {best.words}: the next diagnosis is then right with probability {best.probability:.2f}"
-        )
+        event = "an effect of typical size is then named" if self.column else "the next diagnosis is then right"
+        text = f"{self.question}, {best.words}: {event} with probability {best.probability:.2f}"
         if not self.column:
             text += f", after a mere repeat of this record with {self.now:.2f}"
         if others:
@@ -171,7 +170,8 @@ class Prescription:
         if not self.actions:
             return ""
         best = self.actions[0]
-        return f"{self.question}, {best.words} (right with probability {best.probability:.2f})"
+        event = "an effect of typical size is named" if self.column else "right"
+        return f"{self.question}, {best.words} ({event} with probability {best.probability:.2f})"
 
     def to_dict(self, target_of: Callable[[EffectParameters], str | None]) -> dict[str, Any]:
         """The entry of result.json.
@@ -209,10 +209,10 @@ def best_actions(actions: Sequence[Action], now: float) -> tuple[Action, ...]:
     return tuple(sorted(helpful, key=score, reverse=True)[:_MOST_SHOWN])
 
 
-def not_probable_enough(actions: Sequence[Action]) -> Action | None:
-    """The most probable action where none is probable enough; None where one is, or none was tried."""
+def not_probable_enough(actions: Sequence[Action], now: float) -> Action | None:
+    """The most probable action where none is probable enough; None where one is, or none is better than a repeat."""
     best = max(actions, key=lambda action: action.probability, default=None)
-    return None if best is None or best.probability >= HELPFUL else best
+    return best if best is not None and now < best.probability < HELPFUL else None
 
 
 def score(action: Action) -> float:

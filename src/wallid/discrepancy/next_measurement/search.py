@@ -96,7 +96,7 @@ def _prescription(
     column: str = "",
 ) -> Prescription:
     """What to measure for one question, from the best action of each kind; the rest as in `Prescription`."""
-    helpful, refused = best_actions(actions, now), not_probable_enough(actions)
+    helpful, refused = best_actions(actions, now), not_probable_enough(actions, now)
     return Prescription(effects, labels, now, helpful, tried, curve, column, refused)
 
 

@@ -24,7 +24,7 @@ from ..effects.catalogue import unlogged
 from ..problem import DiagnosisProblem, EffectParameters, diagnosis_problem
 from ..record_forcing import hours_of_day
 from ..result.findings import Findings
-from ..selection.acceptance import FIRST_EFFECT_LEVEL, RIVAL
+from ..selection.acceptance import FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL, RIVAL
 from ..selection.candidate_fits import CandidateFits
 from ..selection.score_test import CandidateScores
 from .separation import Separation
@@ -41,7 +41,7 @@ class UnloggedColumn:
         column: its key in `[record]`.
         effects: that need it, at each target.
         problem: with a typical course of every column that was not logged.
-        probability: that an effect of typical size is named alone where the column is logged.
+        probability: that an effect of typical size is named, without an alternative, where the column is logged.
     """
 
     column: str
@@ -76,7 +76,7 @@ def _scores_with(final: EffectFit, columns: list[str]) -> CandidateScores:
 
 
 def _chance(scores: CandidateScores, effect: EffectParameters) -> float:
-    """The probability that an effect of typical size is named alone."""
+    """The probability that an effect of typical size is named, without an alternative."""
     own = scores.by_effect[effect]
     best = int(own[np.argmax(scores.norm[own])])
     rivals = np.array([k for k in range(len(scores.candidates)) if scores.effect(k) is not effect], int)
@@ -86,7 +86,8 @@ def _chance(scores: CandidateScores, effect: EffectParameters) -> float:
     inner = 1.0 - cosine[:, None] ** 2 - cosine[None, :] ** 2 + inner
     inner = np.block([[inner, (1.0 - cosine**2)[:, None]], [(1.0 - cosine**2)[None, :], np.ones((1, 1))]])
     once = Separation(squared * np.append(1.0 - cosine**2, 1.0), squared * inner, np.zeros(len(rivals) + 1))
-    criteria = np.append(np.full(len(rivals), RIVAL), scores.threshold(FIRST_EFFECT_LEVEL))
+    level = FURTHER_EFFECT_LEVEL if scores.base.active else FIRST_EFFECT_LEVEL
+    criteria = np.append(np.full(len(rivals), RIVAL), scores.threshold(level))
     return float(np.mean([once.with_excess(f**2 * once.excess).probability(criteria, 0.0) for f in _FACTORS]))
 
 
