@@ -332,6 +332,9 @@ def test_a_column_is_worth_logging_where_its_effect_would_be_named(found):
     for one in unlogged_columns(replace(left, effects=found.effects, after=after)):
         # of the same noise: what the film explains is projected out, and a further effect needs more evidence
         assert 0.0 < one.probability < without_film[one.column].probability
+    (second, *_) = (one for one in problem.library if one.effect.name == "face_offset")
+    two = refit(problem, (film, second), plain.parameters, found.after.noise)
+    assert not list(unlogged_columns(replace(left, effects=found.effects, after=two)))  # no third is named
     no_gap = replace(found.gap, held_out_after=found.gap.noise_floor)
     explained = replace(
         left, gap=no_gap, trials=(), residual_tests_after=replace(found.residual_tests_after, p_value=0.5)

@@ -35,6 +35,8 @@ def sensor_probability(prescription: Prescription, *, legend: bool = True, ax: A
 def action_probabilities(prescription: Prescription, *, legend: bool = True, ax: Axes | None = None) -> Axes:
     """Probability that the next diagnosis is right with each proposed action, the best on top.
 
+    For columns that were not logged: that an effect of typical size is named.
+
     Args:
         prescription: with its actions.
         legend: False where the panel shares the legend of another.
@@ -51,7 +53,8 @@ def action_probabilities(prescription: Prescription, *, legend: bool = True, ax:
     _reference_lines(prescription, ax.axvline)
     ax.set_yticks(range(len(names)), names)
     ax.invert_yaxis()
-    ax.set(xlabel="probability that the next diagnosis is right", xlim=(0.0, 1.12))
+    event = "an effect of typical size is named" if prescription.column else "the next diagnosis is right"
+    ax.set(xlabel=f"probability that {event}", xlim=(0.0, 1.12))
     ax.set_title("Columns that were not logged" if prescription.column else "Actions")
     ax.grid(visible=False, axis="y")
     if legend:

@@ -118,7 +118,8 @@ class Prescription:
         tried: the kinds of action that were tried.
         curve: positions (m) and probabilities of one more sensor; empty where none was tried.
         column: that the effects need; empty where they could be tested for.
-        refused: the most probable action where none is probable enough, but better than a repeat.
+        refused: where no action is probable enough, the most probable of the best of each kind, if it is better than
+            a repeat.
     """
 
     separate: tuple[EffectParameters, ...]

@@ -27,6 +27,7 @@ from ..result.findings import Findings
 from ..selection.acceptance import FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL, RIVAL
 from ..selection.candidate_fits import CandidateFits
 from ..selection.score_test import CandidateScores
+from ..selection.stepwise_selection import MAX_EFFECTS
 from .separation import Separation
 
 _FACTORS = np.geomspace(0.5, 2.0, 5)  # of the typical size
@@ -51,9 +52,12 @@ class UnloggedColumn:
 
 
 def unlogged_columns(findings: Findings) -> Iterator[UnloggedColumn]:
-    """Each column that would make a further effect testable, with the chance that it would be named."""
+    """Each column that would make a further effect testable, with the chance that it would be named.
+
+    None where the model has as many effects as can be named.
+    """
     columns = unlogged(findings.problem.sensor_count, findings.problem.record.regressors)
-    if not columns:
+    if not columns or len(findings.final.active) == MAX_EFFECTS:
         return
     scores = _scores_with(findings.final, columns)
     problem = scores.base.problem

@@ -29,8 +29,9 @@ from .score_test import (
     score_candidates,
 )
 
+MAX_EFFECTS = 2
+"""In a model: where a third would be significant, the missing effect is probably not in the library."""
 _PAIR_TEST_LEVEL = 0.02  # below this p-value of the omnibus test after one effect, pairs and other forms are tried
-_MAX_EFFECTS = 2  # where a third effect would be significant, the missing effect is probably not in the library
 _SINGLES, _PAIRS, _RIVALS = 5, 3, 8  # candidates that are refitted: alone, as pairs, in exchange for an effect
 _LARGE_SHIFTS, _FORMS, _STARTS = 3, 2, 3  # refits of candidates that shift alpha far, of other forms, other starts
 _PARTNERS = 2  # candidates that are refitted together with the best single effect
@@ -220,7 +221,7 @@ class StepwiseSelection:
         for count in range(_MAX_ROUNDS):
             progress(count / _MAX_ROUNDS)
             new = self._exchange(fit)
-            larger = self._add_one(new, removed) if len(new.active) < _MAX_EFFECTS else new
+            larger = self._add_one(new, removed) if len(new.active) < MAX_EFFECTS else new
             new = self._remove_one(larger)
             if set(new.active) == set(fit.active):
                 return new
@@ -300,7 +301,7 @@ class StepwiseSelection:
 
     def p_value_of_one_more(self, fit: EffectFit) -> float:
         """The p-value of one effect more, where the fit has the largest number allowed; else 1."""
-        if len(fit.active) < _MAX_EFFECTS:
+        if len(fit.active) < MAX_EFFECTS:
             return 1.0
         scores = self.fits.score_candidates(fit)
         if scores.gain.max(initial=0.0) < self.fits.model_error_allowance(fit):
