@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
+from .._internal.blas_threads import one_blas_thread
 from .._internal.progress import Progress, part_of, shown_progress
 from ..case.case_definition import Case
 from ..case.mixups import visible_mixups
@@ -27,6 +28,7 @@ from .selection.stepwise_selection import StepwiseSelection
 from .unexplained_heat import UnexplainedHeat
 
 
+@one_blas_thread
 def diagnose(case: Case, *, progress: Progress | None = None) -> Diagnosis:
     """Find the physical effects that the plain model misses in the record of a case.
 

@@ -16,6 +16,7 @@ import jax
 import numpy as np
 
 from .._internal.arrays import on_device
+from .._internal.blas_threads import one_blas_thread
 from .._internal.errors import InputError
 from .._internal.progress import Progress, no_progress, part_of, shown_progress
 from .._internal.validation import one_of
@@ -42,6 +43,7 @@ _TIMED_SECONDS = 0.3  # s, after which the minimum number of runs is enough
 _MIN_DRAWS = 20  # of a bootstrap, for a 95 % interval
 
 
+@one_blas_thread
 def estimate(
     case: Case,
     window: Window | HasBestWindow | None = None,

@@ -17,6 +17,7 @@ from typing import Literal
 
 import numpy as np
 
+from .._internal.blas_threads import one_blas_thread
 from .._internal.errors import InputError
 from .._internal.progress import Progress, shown_progress
 from .._internal.validation import number, one_of
@@ -40,6 +41,7 @@ _FEWEST_ROWS = 24  # to estimate from, and readings in them
 _MOST_HOURS = 8760.0
 
 
+@one_blas_thread
 def forecast(
     case: Case,
     start: str | float | int,

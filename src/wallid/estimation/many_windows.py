@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._internal.blas_threads import one_blas_thread
 from .._internal.errors import InputError
 from .._internal.html import html_table, interval_row
 from .._internal.number_formats import value_and_interval, value_and_std
@@ -174,6 +175,7 @@ class CampaignEstimate(ResultObject):
         return "nothing to compare" if self.mean is None else self.mean.agreement
 
 
+@one_blas_thread
 def campaign(
     case: Case,
     *,

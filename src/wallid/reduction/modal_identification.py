@@ -27,9 +27,9 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array
-from threadpoolctl import threadpool_limits
 
 from .._internal.arrays import index_array, on_device
+from .._internal.blas_threads import one_blas_thread
 from .._internal.errors import InputError
 from .._internal.html import html_table
 from .._internal.progress import Progress, no_progress
@@ -143,7 +143,7 @@ def _check_order(full_order_model: StateSpace, order: int) -> None:
         raise InputError(f"order = {order}; it must lie between 1 and the full-order model's {full_order_model.order}")
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")
+@one_blas_thread
 def _learn(
     full_order_model: StateSpace,
     order: int,
@@ -156,7 +156,7 @@ def _learn(
 ) -> LearnedModel:
     """Learn `order` modes in arrays of `shape` modes, so that orders of one shape share one compilation.
 
-    With one LAPACK thread: the matrices are thin, and on a busy machine several threads took fifty times longer.
+    With one thread: on a busy machine several took fifty times longer.
     """
     jax.block_until_ready(reference)
     problem = learning_problem(full_order_model, signals, reference, tied, integrator, order, array_size)

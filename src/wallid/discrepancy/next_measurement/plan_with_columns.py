@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from ..._internal.blas_threads import one_blas_thread
 from ..._internal.progress import Progress, part_of, shown_progress
 from ..._internal.units import DAY
 from ...case.planned_campaign import PlannedCampaign
@@ -16,6 +17,7 @@ from ...records.weather_year import read_weather_year
 from .columns_of_plan import columns_to_log
 
 
+@one_blas_thread
 def plan(campaign: PlannedCampaign, *, progress: Progress | None = None) -> CampaignPlan:
     """How to instrument a wall before there is a record.
 
