@@ -29,15 +29,17 @@ def problem(seed):
     return present, rng.standard_normal(COUNT), rng.standard_normal((COUNT, 3)), noise, unit, rng.standard_normal(3)
 
 
-@given(st.integers(0, 10_000), st.floats(0.01, 30.0))
-def test_one_decomposition_serves_all_sizes(seed, size):
+@given(st.integers(0, 10_000), st.lists(st.floats(0.01, 30.0), min_size=1, max_size=4))
+def test_one_decomposition_serves_all_sizes(seed, sizes):
     present, residual, jacobian, noise, unit, deviation = problem(seed)
     likelihood = RestrictedLikelihood(present, residual, jacobian, deviation)
-    one, other = LikelihoodBesideNoise(likelihood, noise).of_size(unit)(size), likelihood.at(noise + size**2 * unit)
-    assert one.cost == pytest.approx(other.cost, rel=1e-8, abs=1e-6)
-    assert one.noise_size == pytest.approx(other.noise_size, rel=1e-6)
-    np.testing.assert_allclose(one.shift, other.shift, rtol=1e-6, atol=1e-8)
-    np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-6, atol=1e-10)
+    points = LikelihoodBesideNoise(likelihood, noise).of_sizes(unit)(sizes)
+    for size, one in zip(sizes, points, strict=True):
+        other = likelihood.at(noise + size**2 * unit)
+        assert one.cost == pytest.approx(other.cost, rel=1e-8, abs=1e-6)
+        assert one.noise_size == pytest.approx(other.noise_size, rel=1e-6)
+        np.testing.assert_allclose(one.shift, other.shift, rtol=1e-6, atol=1e-8)
+        np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-6, atol=1e-10)
 
 
 def test_differences_of_the_cost_are_those_of_the_marginal_likelihood():
@@ -49,7 +51,7 @@ def test_differences_of_the_cost_are_those_of_the_marginal_likelihood():
     prior = wide**2 * np.outer(jacobian[:, 0], jacobian[:, 0]) + jacobian[:, 1:] @ jacobian[:, 1:].T
 
     def cost(size):
-        point = LikelihoodBesideNoise(likelihood, noise).of_size(unit)(size)
+        point = LikelihoodBesideNoise(likelihood, noise).of_sizes(unit)([size])[0]
         covariance = point.noise_size * (noise + size**2 * unit) + prior
         kept = np.ix_(present, present)
         dense = -2.0 * multivariate_normal.logpdf(residual[present], mean[present], covariance[kept])

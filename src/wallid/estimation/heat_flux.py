@@ -342,14 +342,19 @@ def transmittance(resistance: Quantity) -> Quantity:
 
 
 def _second_half_prediction(case: Case, window: Window, fit: GLSFit) -> HeldOutFlux | None:
-    """The flux of the second half of a window predicted with the estimate from its first half."""
+    """The flux of the second half of a window predicted with the estimate from its first half.
+
+    Heat that the model does not know is searched for at the places and with the memories that the entire window leaves.
+    """
     half, plates = window.rows // 2, len(fluxes_of(case))
     present = np.asarray(fit.problem.data.weight)[:, -plates:] > 0
     if half < _MIN_HALF_ROWS or not (present[:half].any() and present[half:].any()):
         return None
     model, data = fit.problem.system, window_data(case, window)
+    # half of the readings would hardly tell where and with which memory heat is released
+    places = () if fit.disturbance is None else fit.disturbance.probable
     early = fit_generalised_least_squares(
-        case, window, data, model, fit.diffusivity, eta=1e-6, rows_used=half, kinds=fit.kinds
+        case, window, data, model, fit.diffusivity, eta=1e-6, rows_used=half, kinds=fit.kinds, heat_among=places
     )
     J = np.asarray(predicted_jacobian(early.problem, early.minimum.vector))
     data, present = fit.problem.data, present[half:]

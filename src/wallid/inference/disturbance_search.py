@@ -73,8 +73,8 @@ class _Process(NamedTuple):
     noise_size: float
 
 
-class _Weighted(NamedTuple):
-    """A place and time constant of the grid, with the doublings of the depth for which it stands."""
+class WeightedPlace(NamedTuple):
+    """Where a search tries heat: a profile and a time constant (s), and the doublings of the depth it stands for."""
 
     profile: HeatProfile
     time_constant: float
@@ -107,7 +107,7 @@ class Disturbance(ResultObject):
     inflation: np.ndarray = field(repr=False)
     posterior: tuple[tuple[float, _Process], ...] = field(default=(), repr=False)
     noise_memory: NoiseMemory = field(default=WHITE, repr=False)
-    probable: tuple[_Weighted, ...] = field(default=(), repr=False)
+    probable: tuple[WeightedPlace, ...] = field(default=(), repr=False)
 
     @property
     def noise_variances(self) -> tuple[float, float]:
@@ -232,38 +232,51 @@ class RestrictedLikelihood:
         """The minimum over the noise's size `v`, for a covariance divided by `v`."""
         return LikelihoodBesideNoise(self, covariance).alone
 
-    def minimum(self, products: np.ndarray, log_det: float) -> _Point:
-        """The minimum over `v`, from the whitened columns' products and ln det of the covariance divided by `v`.
+    def minima(
+        self, products: Float[np.ndarray, "size column column"], log_dets: Float[np.ndarray, " size"]
+    ) -> list[_Point]:
+        """The minima over `v`, from the whitened columns' products and ln det of the covariances divided by `v`.
 
         With `A` the products of the Jacobian, `M' A M = diag(c)` and `M' (A + P) M = 1`, the parameters' information
         `A / v + P` is `diag(c / v + 1 - c)` in the directions `M`, at every `v`.
         """
-        A = products[:-1, :-1] / np.outer(self.size, self.size)
-        shares, modes = scipy.linalg.eigh(A, A + np.diag(self.precision / self.size**2))
+        A = products[:, :-1, :-1] / np.outer(self.size, self.size)
+        lower = np.linalg.cholesky(A + np.diag(self.precision / self.size**2))
+        half = np.linalg.solve(lower, A)
+        shares, vectors = np.linalg.eigh(np.linalg.solve(lower, half.transpose(0, 2, 1)))
+        modes = np.linalg.solve(lower.transpose(0, 2, 1), vectors)
         shares = np.clip(shares, 0.0, 1.0)
-        by_readings, by_prior = (products[:-1, -1] / self.size) @ modes, (self.prior / self.size) @ modes
-        log_det = log_det + self.prior_cost - 2.0 * float(np.linalg.slogdet(modes)[1])
+        log_dets = log_dets + self.prior_cost + 2.0 * np.sum(np.log(np.diagonal(lower, axis1=1, axis2=2)), axis=1)
+        by_readings = np.einsum("sp,spm->sm", products[:, :-1, -1] / self.size, modes)
+        by_prior = (self.prior / self.size) @ modes
+        squares = products[:, -1, -1]
 
         def information(noise_size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            inverse = 1.0 / noise_size[:, None]
+            """In the directions M, and M' b: `(v, size, mode)` each."""
+            inverse = 1.0 / noise_size[..., None]
             return shares * inverse + (1.0 - shares), by_readings * inverse + by_prior
 
         def costs(noise_size: np.ndarray) -> np.ndarray:
             weights, b = information(noise_size)
-            log_size, misfit = np.log(noise_size), products[-1, -1] / noise_size - np.sum(b**2 / weights, axis=1)
-            return len(self.columns) * log_size + misfit + np.sum(np.log(weights), axis=1) + log_size**2 + log_det
+            log_size, misfit = np.log(noise_size), squares / noise_size - np.sum(b**2 / weights, axis=-1)
+            return len(self.columns) * log_size + misfit + np.sum(np.log(weights), axis=-1) + log_size**2 + log_dets
 
-        grid = costs(_NOISE_SIZES)
-        best = int(np.clip(np.argmin(grid), 1, len(grid) - 2))
-        before, at_best, after = grid[best - 1 : best + 2]
+        every = np.arange(len(products))
+        grid = costs(np.repeat(_NOISE_SIZES[:, None], len(products), axis=1))
+        best = np.clip(np.argmin(grid, axis=0), 1, len(grid) - 2)
+        before, at_best, after = (grid[best + beside, every] for beside in (-1, 0, 1))
         # the vertex of the parabola through three points
         bend = before - 2.0 * at_best + after
-        offset = float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0)) if bend > 0 else 0.0
-        noise_size = np.array([math.exp(math.log(_NOISE_SIZES[best]) + offset * _NOISE_STEP)])
+        offset = np.clip(0.5 * (before - after) / np.where(bend > 0, bend, np.inf), -1.0, 1.0)
+        noise_size = _NOISE_SIZES[best] * np.exp(offset * _NOISE_STEP)
         weights, b = information(noise_size)
         directions = modes / self.size[:, None]
-        covariance = (directions / weights) @ directions.T
-        return _Point(float(costs(noise_size)[0]), float(noise_size[0]), directions @ (b / weights)[0], covariance)
+        shifts = np.einsum("spm,sm->sp", directions, b / weights)
+        covariances = (directions / weights[:, None]) @ directions.transpose(0, 2, 1)
+        return [
+            _Point(float(cost), float(size), shift, covariance)
+            for cost, size, shift, covariance in zip(costs(noise_size), noise_size, shifts, covariances, strict=True)
+        ]
 
 
 class LikelihoodBesideNoise:
@@ -286,17 +299,21 @@ class LikelihoodBesideNoise:
     @property
     def alone(self) -> _Point:
         """The minimum over `v` for noise alone."""
-        return self.likelihood.minimum(self.columns.T @ self.columns, self.log_det)
+        return self.likelihood.minima((self.columns.T @ self.columns)[None], np.array([self.log_det]))[0]
 
-    def of_size(self, unit: Float[np.ndarray, "reading reading"]) -> Callable[[float], _Point]:
-        """The minimum over `v`, as a function of the size."""
+    def of_sizes(self, unit: Float[np.ndarray, "reading reading"]) -> Callable[[Sequence[float]], list[_Point]]:
+        """The minima over `v`, as a function of the sizes."""
         whitened_unit, _ = _sygst(unit[self.rows], self.lower, lower=1)  # its lower triangle
         diagonal, beside, rotated = tridiagonal(whitened_unit, self.columns)
 
-        def at(size: float) -> _Point:
-            pivots, factors, _ = _pttrf(1.0 + size**2 * diagonal, size**2 * beside)
-            whitened, _ = _pttrs(pivots, factors, rotated)
-            return self.likelihood.minimum(rotated.T @ whitened, self.log_det + float(np.sum(np.log(pivots))))
+        def at(sizes: Sequence[float]) -> list[_Point]:
+            products, log_dets = [], []
+            for size in sizes:
+                pivots, factors, _ = _pttrf(1.0 + size**2 * diagonal, size**2 * beside)
+                whitened, _ = _pttrs(pivots, factors, rotated)
+                products.append(rotated.T @ whitened)
+                log_dets.append(self.log_det + float(np.sum(np.log(pivots))))
+            return self.likelihood.minima(np.stack(products), np.array(log_dets))
 
         return at
 
@@ -315,7 +332,7 @@ def find_disturbance(
     without: NoiseCovariance | None,
     memory: NoiseMemory,
     enough: float = math.inf,
-    among: Sequence[_Weighted] = (),
+    among: Sequence[WeightedPlace] = (),
 ) -> Disturbance:
     """The disturbance that explains a residual best.
 
@@ -327,7 +344,7 @@ def find_disturbance(
         memory: shape of the noise beside the disturbance.
         enough: evidence from which the best point of the first grid, with one depth behind each face, is taken as it
             is.
-        among: what an earlier search has left; none for everything.
+        among: the places and time constants that are tried, as an earlier search has left them; none for all.
     """
     search = _Search(readings, shape, step, likelihood, memory)
     if among:
@@ -401,33 +418,36 @@ class _Search:
         self.times: list[float] = np.geomspace(max(2.0 * step, 900.0), max(window, 8.0 * step), _TIMES).tolist()
         self._tried: dict[_Place, list[_Tried]] = {}
         self._doublings: dict[HeatProfile, float] = {}  # of the depth, for which a profile stands; else 1
-        self._units: dict[_Place, tuple[float, Callable[[float], _Point]]] = {}
+        self._units: dict[_Place, tuple[float, Callable[[Sequence[float]], list[_Point]]]] = {}
 
     def noise_of(self, memory: NoiseMemory) -> np.ndarray:
         """The covariance of noise of the stated size with this memory."""
         return self.shape.covariance_of(1.0 - memory.share, memory.share, memory.correlation).covariance
 
-    def _unit(self, place: _Place) -> tuple[float, Callable[[float], _Point]]:
-        """The heat of a size of 1 over the root of `v`, in W/m2 or K/day, and the likelihood by its value."""
+    def _unit(self, place: _Place) -> tuple[float, Callable[[Sequence[float]], list[_Point]]]:
+        """The heat of a size of 1 over the root of `v`, in W/m2 or K/day, and the likelihood by such values."""
         if place not in self._units:
             present = self.likelihood.present
             covariance = self.readings.covariance(*place, self.shape.bin_count, self.shape.rows_per_bin)
             ratio = float(np.mean((np.diag(covariance) / np.diag(self.noise))[present]))
-            self._units[place] = 1.0 / math.sqrt(ratio), self.beside_noise.of_size(covariance)
+            self._units[place] = 1.0 / math.sqrt(ratio), self.beside_noise.of_sizes(covariance)
         return self._units[place]
 
-    def at(self, place: _Place, size: float) -> _Tried:
-        """A disturbance with its likelihood."""
+    def at(self, place: _Place, sizes: Sequence[float]) -> list[_Tried]:
+        """Disturbances of some sizes with their likelihood."""
         unit, likelihood = self._unit(place)
-        point = likelihood(size * unit)
-        std = size * unit * math.sqrt(point.noise_size)
-        return _Tried(place, size, std, point._replace(cost=point.cost + _prior_cost(std, place.time_constant)))
+        tried = []
+        for size, point in zip(sizes, likelihood([size * unit for size in sizes]), strict=True):
+            std = size * unit * math.sqrt(point.noise_size)
+            cost = point.cost + _prior_cost(std, place.time_constant)
+            tried.append(_Tried(place, size, std, point._replace(cost=cost)))
+        return tried
 
     def try_all(self, places: Iterable[tuple[HeatProfile, float]]) -> None:
         """Try all sizes at the profiles and time constants that have not been tried."""
         for place in (_Place(profile, time_constant) for profile, time_constant in places):
             if place not in self._tried:
-                self._tried[place] = [self.at(place, size) for size in _SIZES.tolist()]
+                self._tried[place] = self.at(place, _SIZES.tolist())
 
     @property
     def tried(self) -> list[_Tried]:
@@ -470,7 +490,7 @@ class _Search:
         at = self.times.index(time_constant)
         self.try_all(itertools.product(probable, self.times[max(at - 1, 0) : at + 2]))
 
-    def try_again(self, places: Sequence[_Weighted]) -> None:
+    def try_again(self, places: Sequence[WeightedPlace]) -> None:
         """Try all sizes at the places that an earlier search has left."""
         self._doublings = {place.profile: place.doublings for place in places}
         self.try_all(place[:2] for place in places)
@@ -503,10 +523,10 @@ class _Search:
         all_found = sum(share for share, _ in found)
         return tuple((share / all_found, process) for share, process in found)
 
-    def not_excluded(self, posterior: list[tuple[float, _Tried]]) -> tuple[_Weighted, ...]:
+    def not_excluded(self, posterior: list[tuple[float, _Tried]]) -> tuple[WeightedPlace, ...]:
         """The places that a search in the residual of a later fit need try."""
         places = (own[0][1].place for _, own in _most_probable_places(posterior, _SEARCHED_AGAIN))
-        return tuple(_Weighted(*place[:2], self._doublings.get(place.profile, 1.0)) for place in places)
+        return tuple(WeightedPlace(*place[:2], self._doublings.get(place.profile, 1.0)) for place in places)
 
     def refined(self) -> _Tried:
         """The minimum about the best point of the grid, for the smoothness with the lower cost."""
@@ -525,7 +545,7 @@ class _Search:
     def _of_best_size(self, place: _Place, size: float) -> _Tried:
         """The minimum over sizes up to four times smaller or larger than a first one."""
         bounds = math.log(size / 4.0), math.log(size * 4.0)
-        return _minimum_between(lambda log_size: self.at(place, math.exp(log_size)), bounds, _SIZE_TOLERANCE)
+        return _minimum_between(lambda log_size: self.at(place, [math.exp(log_size)])[0], bounds, _SIZE_TOLERANCE)
 
 
 def _most_probable_places(

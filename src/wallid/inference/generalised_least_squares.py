@@ -31,7 +31,14 @@ from ..models.wall_parameters import clipped_to_prior
 from ..models.window_inputs import WindowData
 from .contact_test import SIGNIFICANT, contact_scores
 from .disturbance_covariance import DisturbedReadings, disturbed_readings
-from .disturbance_search import EVIDENCE, Disturbance, RestrictedLikelihood, find_disturbance, search_bins
+from .disturbance_search import (
+    EVIDENCE,
+    Disturbance,
+    RestrictedLikelihood,
+    WeightedPlace,
+    find_disturbance,
+    search_bins,
+)
 from .gains_by_heat import gains_by_heat
 from .gls_fit import GLSFit
 from .likelihood import LOG_CONDUCTIVITY, LOG_DIFFUSIVITY, PLATE_GAIN, LikelihoodProblem, minimise
@@ -53,9 +60,10 @@ from .whittle_likelihood import MIN_READINGS, estimate_noise
 
 _MAX_ITERATIONS = 4
 _MAX_WALL_ITERATIONS = 15  # with estimated wall parameters: each iteration builds the model again
-_MAX_DISTURBED_ITERATIONS = 7  # with a disturbance
+_MAX_DISTURBED_ITERATIONS = 7  # where a disturbance is searched for
 _SEARCHES = 2  # for a disturbance, at least: the first is in the residual of a fit that may be far off
 _MOVED = 0.3  # standard errors: after a larger change a disturbance is searched for again
+_FAR = 1.0  # standard errors: after a larger change it is searched for everywhere
 _CONVERGED = 0.1  # standard errors: the iteration ends when the estimate changes by less
 _LARGER_NOISE = 4.0  # of the variance, over the stated one: the search starts again from other diffusivities
 _OTHER_STARTS = (1.0, 1.0 / 3.0, 3.0)  # over the first diffusivity
@@ -75,6 +83,7 @@ def fit_generalised_least_squares(
     other_rows_binned: bool = True,
     kinds: Sequence[NuisanceKind] = NUISANCE_KINDS,
     with_contacts: bool = False,
+    heat_among: Sequence[WeightedPlace] = (),
 ) -> GLSFit:
     """The estimate under the full covariance, by iterated generalised least squares.
 
@@ -90,6 +99,7 @@ def fit_generalised_least_squares(
             one compilation serves both. If not, the fit is the same for any number of other rows.
         kinds: of nuisance parameters.
         with_contacts: whether contact resistances at plates are estimated also where the record shows none.
+        heat_among: the places and time constants at which a disturbance is searched for; none for all.
 
     Returns:
         the fit of the last iteration.
@@ -98,7 +108,9 @@ def fit_generalised_least_squares(
 
     def fit_with(kinds: Sequence[NuisanceKind], first: float) -> GLSFit:
         binned = None if other_rows_binned else rows_used
-        return _IteratedGLS(case, window, data, kinds, eta, explicit_theta, integrator, binned).fit(system, first)
+        return _IteratedGLS(
+            case, window, data, kinds, eta, explicit_theta, integrator, binned, heat_among
+        ).fit(system, first)  # fmt: skip
 
     simpler = [kind for kind in kinds if kind.kind != ContactResistances.kind]
     if case.section is not None:  # its model has no resistance between a face and its sensor
@@ -110,7 +122,7 @@ def fit_generalised_least_squares(
         return fit
     contacts = fit_with(kinds, fit.diffusivity)
     # the score does not know that another disturbance may explain as much as the resistances
-    explains_more = contacts.marginal_deviance < fit.marginal_deviance - EVIDENCE
+    explains_more = _deviance_with_evidence(contacts) < _deviance_with_evidence(fit) - EVIDENCE
     return contacts if fit.disturbance is None or explains_more else fit
 
 
@@ -144,10 +156,12 @@ class _IteratedGLS:
         explicit_theta: bool,
         integrator: Integrator,
         binned_rows: int | None,
+        heat_among: Sequence[WeightedPlace],
     ):
         self.case, self.window, self.kinds = case, window, kinds
         self.eta, self.explicit_theta = eta, explicit_theta
         self.integrator: Integrator = integrator
+        self.heat_among = heat_among
         self.data = replace(data, offsets=())  # `offsets` is static and unused here: without it, fewer compilations
         self.parameters = window_parameters(case, window, kinds)
         present, observed = (np.asarray(part)[:binned_rows] for part in (data.weight > 0, data.observed))
@@ -190,7 +204,7 @@ class _IteratedGLS:
                 system = full_order = full_order_model_with_plates(self.case, point.wall)
             steps = 0 if fit is None and not minimised else self.case.choices.max_iterations
             fit = self.iterate(system, full_order, point, fit, steps)
-            if _is_last(fit, parameters, bent):
+            if self.is_last(fit, parameters, bent):
                 break
             if fit.iterations == 1 and minimised:  # of another residual the memory of the noise is not known
                 self.filter_faces_as_found(fit)
@@ -207,6 +221,20 @@ class _IteratedGLS:
         if self.noise_option == "robust" and self.noise_can_be_estimated and math.isfinite(fit.diffusivity):
             return replace(fit, robust=_noise_of_residual(fit.noise_shape, fit))
         return fit
+
+    def is_last(self, fit: GLSFit, before: Parameters, names: Sequence[str]) -> bool:
+        """Whether the iteration ends with a fit.
+
+        Args:
+            before: the parameters before it.
+            names: of those on which the readings depend in a way that is far from linear.
+        """
+        if not math.isfinite(fit.change):
+            return True
+        searches = 1 if fit.disturbance is None else _SEARCHES
+        most = _MAX_DISTURBED_ITERATIONS if self.disturbance_is_searched else _MAX_ITERATIONS
+        converged = fit.change < _CONVERGED * fit.log_std and _converged(fit, before, names)
+        return (converged and fit.iterations > searches) or fit.iterations >= (_MAX_WALL_ITERATIONS if names else most)
 
     def filter_faces_as_found(self, fit: GLSFit) -> None:
         """Filter the faces beside plates for noise with the memory that a fit shows."""
@@ -242,6 +270,11 @@ class _IteratedGLS:
     def noise_can_be_estimated(self) -> bool:
         """Whether there are enough readings to estimate the noise from."""
         return self.readings - len(self.parameters.estimated_names) >= MIN_READINGS
+
+    @property
+    def disturbance_is_searched(self) -> bool:
+        """Whether a disturbance is asked for and there are enough readings to search for one."""
+        return self.disturbance_option != "none" and self.noise_can_be_estimated
 
     @property
     def noise_is_estimated(self) -> bool:
@@ -306,7 +339,7 @@ class _IteratedGLS:
         def alone() -> NoiseCovariance:
             return _noise_of_residual(shape, last) if self.noise_is_estimated else shape.stated_covariance()
 
-        if self.disturbance_option != "none" and self.noise_can_be_estimated and last.depends_on_diffusivity:
+        if self.disturbance_is_searched and last.depends_on_diffusivity:
             readings = self._disturbed_readings(point, conductance)
             found = self._disturbance(system, point, conductance, readings, last, alone)
             if found is not None:
@@ -341,7 +374,9 @@ class _IteratedGLS:
         # a plate's own noise has no memory of hours, unless the sensors show one
         without, memory = None if readings.in_flux else alone(), self.case.record.noise_memory
         enough = EVIDENCE if last.iterations < _SEARCHES else math.inf
-        among = last.disturbance.probable if last.disturbance is not None and last.iterations > _SEARCHES else ()
+        among = self.heat_among
+        if last.disturbance is not None and last.iterations > _SEARCHES and last.change < _FAR * last.log_std:
+            among = last.disturbance.probable
         step = self.record.step * self.spacing
         found = find_disturbance(readings, shape, step, likelihood, without, memory, enough, among)
         return found if self.disturbance_option == "on" or found.evidence > EVIDENCE else None
@@ -383,20 +418,6 @@ def _with_heat_in_gains(
         nuisance=replace(problem.nuisance, heat_by_gain=by_heat.columns),
         prior_mean=problem.prior_mean.at[plates].set(by_heat.prior_mean),
     )
-
-
-def _is_last(fit: GLSFit, before: Parameters, names: Sequence[str]) -> bool:
-    """Whether the iteration ends with a fit.
-
-    Args:
-        before: the parameters before it.
-        names: of those on which the readings depend in a way that is far from linear.
-    """
-    if not math.isfinite(fit.change):
-        return True
-    searches, most = (1, _MAX_ITERATIONS) if fit.disturbance is None else (_SEARCHES, _MAX_DISTURBED_ITERATIONS)
-    converged = fit.change < _CONVERGED * fit.log_std and _converged(fit, before, names)
-    return (converged and fit.iterations > searches) or fit.iterations >= (_MAX_WALL_ITERATIONS if names else most)
 
 
 def _converged(fit: GLSFit, before: Parameters, names: Sequence[str]) -> bool:

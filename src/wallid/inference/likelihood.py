@@ -32,6 +32,7 @@ PROFILE_MODE, PLATE_GAIN = "profile_mode", "plate_gain"
 """The parameters and kinds that are part of the model itself; all others act linearly (`NuisanceModel.columns`)."""
 
 _PRODUCT_STEPS = 6  # of Gauss-Newton at a fixed diffusivity
+_POINTS_TOGETHER = 11  # of a profile: a third of the 33 of an interval, whitened by one product
 _BOOTSTRAP_STEPS = 12  # of Gauss-Newton, from the estimate that drew the readings
 _BOOTSTRAP_ETA = 1e-6  # relative, of a draw's diffusivity: far under any standard error
 
@@ -226,21 +227,23 @@ def profile_likelihood(problem: LikelihoodProblem, log_alpha: Float[Array, " poi
 
         return jax.jacfwd(residual, has_aux=True)(z)
 
+    # the product of conductivity and gains is not linear: Gauss-Newton steps come first
+    steps = _PRODUCT_STEPS + 1 if problem.nuisance.fluxes else 1
+
     def cost(log: Array) -> Array:
-        def improved(_: Array, z: Array) -> Array:
-            J, residual = linearise(log, z)
-            step = jnp.linalg.lstsq(J, residual)[0]
-            return z - step / jnp.maximum(1.0, jnp.max(jnp.abs(step)))
+        def at_next(_: Array, point: tuple[Array, Array]) -> tuple[Array, Array]:
+            z, _ = point
+            J, residual = linearise(log, z)  # with the rows of the priors
+            root = jnp.linalg.cholesky(J.T @ J)
+            explained = jax.scipy.linalg.solve_triangular(root, J.T @ residual, lower=True)
+            step = jax.scipy.linalg.solve_triangular(root, explained, lower=True, trans=1)
+            cost = jnp.sum(residual**2) - jnp.sum(explained**2) + 2.0 * jnp.sum(jnp.log(jnp.diag(root)))
+            return z - step / jnp.maximum(1.0, jnp.max(jnp.abs(step))), cost
 
-        z = jnp.zeros(len(problem.parameters) - 1)
-        if problem.nuisance.fluxes:  # the product of conductivity and gains is not linear: Gauss-Newton first
-            z = jax.lax.fori_loop(0, _PRODUCT_STEPS, improved, z)  # a loop, because each copy is compiled
-        J, residual = linearise(log, z)  # with the rows of the priors
-        root = jnp.linalg.cholesky(J.T @ J)
-        explained = jax.scipy.linalg.solve_triangular(root, J.T @ residual, lower=True)
-        return jnp.sum(residual**2) - jnp.sum(explained**2) + 2.0 * jnp.sum(jnp.log(jnp.diag(root)))
+        first = jnp.zeros(len(problem.parameters) - 1), jnp.zeros(())
+        return jax.lax.fori_loop(0, steps, at_next, first)[1]  # a loop, because each copy is compiled
 
-    return jax.lax.map(cost, log_alpha)
+    return jax.lax.map(cost, log_alpha, batch_size=_POINTS_TOGETHER)
 
 
 @eqx.filter_jit
