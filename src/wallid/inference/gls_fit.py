@@ -1,11 +1,11 @@
 """Inference at the GLS optimum: standard errors, shares of the variance, a test of constancy, the interval.
 
-    Cov(y) = w (J' R^-1 J + 1)^-1,      y = (ln(alpha), z)
+    Cov(y) = w K R K' + K_p K_p',      (K R^1/2, K_p) = (J' R^-1 J + 1)^-1 (J' R^-1/2, 1),      y = (ln(alpha), z)
 
 with `z` the nuisance parameters in prior standard deviations (each prior adds 1, except for ln(alpha), which has none),
-and `w` an inflation for the uncertainty of the noise's shape. Where the weights are those of the stated noise, and the
-noise estimated from the residual has another covariance `R_n`, the sandwich form: `K R_n K' + priors` with `y = K m`
-for readings `m`.
+`y = K m` for readings `m`, and `w` an inflation for the uncertainty of the noise's shape. Where the weights are those
+of the stated noise, and the noise estimated from the residual has another covariance `R_n`, the sandwich form:
+`K R_n K' + K_p K_p'`.
 
 Source: G. A. F. Seber, C. J. Wild, Nonlinear Regression (1989), 5.4; P. J. Huber, Proc. Fifth Berkeley Symposium 1
 (1967), 221.
@@ -155,28 +155,39 @@ class GLSFit:
 
     @property
     def variance_inflation(self) -> float:
-        """Inflation of the covariance for an uncertain shape of the noise, or for a residual above the stated noise."""
-        if self.robust is not None or self.disturbance is not None:
-            return float(self.covariance[0, 0] / (self.generalised_inverse[0] @ self.generalised_inverse[0]))
+        """The variance of ln(alpha) over that by the problem's weights."""
+        by_weights = float(self.generalised_inverse[0] @ self.generalised_inverse[0])
+        return float(self.covariance[0, 0]) / by_weights if by_weights > 0.0 else self.noise_inflation
+
+    @property
+    def noise_inflation(self) -> float:
+        """Inflation of the readings' covariance: for an uncertain disturbance or shape of the noise, or a residual."""
+        if self.disturbance is not None:
+            return float(self.disturbance.inflation[0] ** 2)
         return self.noise.variance_inflation if self.noise_estimated else max(1.0, self.reduced_chi_square)
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Covariance of ln(alpha) and of the nuisance parameters in prior standard deviations, `(param, param)`."""
+        """Covariance of ln(alpha) and of the nuisance parameters in prior standard deviations, `(param, param)`.
+
+        The shape of an estimated noise is uncertain, the priors are as stated: only the part by noise is inflated. A
+        residual above the stated noise has no known reason, so it inflates everything.
+        """
         if self.disturbance is not None:
             spread = self.generalised_inverse @ self.generalised_inverse.T
             return spread * np.outer(self.disturbance.inflation, self.disturbance.inflation)
+        if self.robust is None and not self.noise_estimated:
+            return self.generalised_inverse @ self.generalised_inverse.T * self.noise_inflation
+        K, priors = np.split(self.generalised_inverse, [len(self.noise.whitening)], axis=1)
         if self.robust is None:
-            return self.generalised_inverse @ self.generalised_inverse.T * self.variance_inflation
-        readings = len(self.noise.whitening)
-        K, priors = np.split(self.generalised_inverse, [readings], axis=1)
+            return K @ K.T * self.noise_inflation + priors @ priors.T
         K = K @ self.noise.whitening
         return K @ self.robust.covariance @ K.T + priors @ priors.T
 
     @cached_property
     def readings_covariance(self) -> np.ndarray:
         """Covariance of the binned readings' noise as estimated, inflated for the uncertainty of its shape, K2."""
-        return self.noise.covariance * self.variance_inflation if self.robust is None else self.robust.covariance
+        return self.noise.covariance * self.noise_inflation if self.robust is None else self.robust.covariance
 
     @cached_property
     def constancy_p_value(self) -> float:
