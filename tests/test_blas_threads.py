@@ -26,6 +26,17 @@ def test_a_stage_has_one_thread_and_the_caller_its_own():
         assert threads() == before
 
 
+def test_threads_come_back_after_a_stage_within_a_stage():
+    @one_blas_thread
+    def outer():
+        return in_a_stage()
+
+    with threadpool_limits(limits=2, user_api="blas"):
+        before = threads()
+        assert set(outer()) == {1}
+        assert threads() == before
+
+
 def test_threads_come_back_after_an_error():
     @one_blas_thread
     def failing():

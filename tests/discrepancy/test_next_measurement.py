@@ -381,7 +381,7 @@ def test_the_best_actions_weigh_probability_and_effort():
         "To test for solar gain, nothing that was tried is probably enough: logging the irradiance on the outer face."
     )
     weak = replace(unlogged, refused=action("column", 0.3, 1.0, column="irradiance"))
-    assert weak.sentence.endswith("face. Most probable: log the irradiance on the outer face (0.30).")
+    assert weak.sentence.endswith("face. The best of them: log the irradiance on the outer face (0.30).")
     assert not_probable_enough([weak.refused, *best.actions], 0.1) is None and not_probable_enough([], 0.1) is None
     assert not_probable_enough([weak.refused], 0.1) is weak.refused
     assert not_probable_enough([weak.refused], 0.3) is None  # no better than a repeat

@@ -100,9 +100,15 @@ def test_the_first_search_does_not_lead_to_heat_of_another_depth():
     The depth that explains the residual there is a third of the wall, and the next fits stay with it.
     """
     case = disturbance.case_of(Kind("plates", "face", 48.0, 78), 0, disturbance="auto")
-    fit = full_order_fit(case, rows_used=case.record.rows // 2)
+    half = case.record.rows // 2
+    fit = full_order_fit(case, rows_used=half)
     assert fit.disturbance.place == "right" and fit.disturbance.profile.depth < 0.2
     assert abs(np.log(fit.diffusivity / DIFFUSIVITY)) < 3 * fit.log_std
+    # where an earlier search has left heat, the same is found; nothing where it has left none
+    again = full_order_fit(case, rows_used=half, heat_among=fit.disturbance.probable)
+    assert again.disturbance.place == "right" and abs(again.log_alpha - fit.log_alpha) < 0.1 * fit.log_std
+    assert again.log_std == pytest.approx(fit.log_std, rel=0.05)
+    assert full_order_fit(case, rows_used=half, heat_among=()).disturbance is None
 
 
 def test_further_searches_of_everything_change_nothing(monkeypatch):

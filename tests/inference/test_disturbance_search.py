@@ -61,6 +61,20 @@ def test_differences_of_the_cost_are_those_of_the_marginal_likelihood():
     assert first - second == pytest.approx(dense_first - dense_second, abs=1e-3)
 
 
+def test_the_parameters_are_those_of_the_dense_likelihood():
+    """Estimates and covariance at the noise's best size, by plain linear algebra."""
+    present, residual, jacobian, noise, unit, deviation = problem(5)
+    points = LikelihoodBesideNoise(RestrictedLikelihood(present, residual, jacobian, deviation), noise)
+    for size, point in zip((0.2, 1.5), points.of_sizes(unit)((0.2, 1.5)), strict=True):
+        kept = np.ix_(present, present)
+        inverse = np.linalg.inv(point.noise_size * (noise + size**2 * unit)[kept])
+        precision = np.diag([0.0, 1.0, 1.0])
+        covariance = np.linalg.inv(jacobian[present].T @ inverse @ jacobian[present] + precision)
+        shift = covariance @ (jacobian[present].T @ inverse @ residual[present] - precision @ deviation)
+        np.testing.assert_allclose(point.covariance, covariance, rtol=1e-8, atol=1e-12)
+        np.testing.assert_allclose(point.shift, shift, rtol=1e-8, atol=1e-12)
+
+
 def test_the_priors_are_as_stated():
     """95 % of the sizes below LARGEST_STD, 95 % of the time constants above SHORTEST_TIME; the cost is 0 at most."""
 

@@ -48,6 +48,8 @@ _MIN_HALF_ROWS = 50  # of the first half of a window, to predict the second half
 class HeldOutFlux(ResultObject):
     """The flux of the second half of a window predicted with the estimate from the first half.
 
+    Only the places and memories of unknown heat are those of the entire window.
+
     Args:
         coverage: fraction of the second half's readings inside their 95 % interval.
         rms: root mean square of measured minus predicted, W/m2.
@@ -344,14 +346,14 @@ def transmittance(resistance: Quantity) -> Quantity:
 def _second_half_prediction(case: Case, window: Window, fit: GLSFit) -> HeldOutFlux | None:
     """The flux of the second half of a window predicted with the estimate from its first half.
 
-    Heat that the model does not know is searched for at the places and with the memories that the entire window leaves.
+    Half of a window hardly shows where unknown heat is released, and with which memory. So its size is found from the
+    first half, at the places and with the memories that the entire window leaves; none where that shows none.
     """
     half, plates = window.rows // 2, len(fluxes_of(case))
     present = np.asarray(fit.problem.data.weight)[:, -plates:] > 0
     if half < _MIN_HALF_ROWS or not (present[:half].any() and present[half:].any()):
         return None
     model, data = fit.problem.system, window_data(case, window)
-    # half of the readings would hardly tell where and with which memory heat is released
     places = () if fit.disturbance is None else fit.disturbance.probable
     early = fit_generalised_least_squares(
         case, window, data, model, fit.diffusivity, eta=1e-6, rows_used=half, kinds=fit.kinds, heat_among=places

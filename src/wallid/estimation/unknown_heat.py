@@ -20,6 +20,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
+from .._internal.blas_threads import one_blas_thread
 from .._internal.errors import InputError
 from .._internal.html import html_table
 from .._internal.result_object import ResultObject, plain_value
@@ -185,6 +186,7 @@ class UnknownHeat(ResultObject):
         return html_table(f"Unknown heat: {self.sentence}", rows)
 
 
+@one_blas_thread
 def smoothed_disturbance(case: Case, window: Window | HasBestWindow | None = None) -> UnknownHeat:
     """The course of the heat that the model does not know, over a window of a record.
 

@@ -74,7 +74,10 @@ class _Process(NamedTuple):
 
 
 class WeightedPlace(NamedTuple):
-    """Where a search tries heat: a profile and a time constant (s), and the doublings of the depth it stands for."""
+    """Where a search tries heat: a profile and a time constant, s.
+
+    `doublings` is its weight in the posterior: the range of depths, in doublings, that this depth represents.
+    """
 
     profile: HeatProfile
     time_constant: float
@@ -252,7 +255,7 @@ class RestrictedLikelihood:
         squares = products[:, -1, -1]
 
         def information(noise_size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            """In the directions M, and M' b: `(v, size, mode)` each."""
+            """Information in the directions M, and M' b, `(..., size, mode)`, for variances v `(..., size)`."""
             inverse = 1.0 / noise_size[..., None]
             return shares * inverse + (1.0 - shares), by_readings * inverse + by_prior
 

@@ -83,7 +83,7 @@ def fit_generalised_least_squares(
     other_rows_binned: bool = True,
     kinds: Sequence[NuisanceKind] = NUISANCE_KINDS,
     with_contacts: bool = False,
-    heat_among: Sequence[WeightedPlace] = (),
+    heat_among: Sequence[WeightedPlace] | None = None,
 ) -> GLSFit:
     """The estimate under the full covariance, by iterated generalised least squares.
 
@@ -99,7 +99,8 @@ def fit_generalised_least_squares(
             one compilation serves both. If not, the fit is the same for any number of other rows.
         kinds: of nuisance parameters.
         with_contacts: whether contact resistances at plates are estimated also where the record shows none.
-        heat_among: the places and time constants at which a disturbance is searched for; none for all.
+        heat_among: the places and time constants at which a disturbance is searched for; empty for no disturbance,
+            None for all places.
 
     Returns:
         the fit of the last iteration.
@@ -121,9 +122,11 @@ def fit_generalised_least_squares(
     if not fit.finite or max(contact_scores(case, fit).values()) < SIGNIFICANT:
         return fit
     contacts = fit_with(kinds, fit.diffusivity)
+    if fit.disturbance is None and contacts.disturbance is None:
+        return contacts if math.isfinite(contacts.marginal_deviance) else fit
     # the score does not know that another disturbance may explain as much as the resistances
-    explains_more = _deviance_with_evidence(contacts) < _deviance_with_evidence(fit) - EVIDENCE
-    return contacts if fit.disturbance is None or explains_more else fit
+    asked = 0.0 if fit.disturbance is None else EVIDENCE
+    return contacts if _deviance_with_evidence(contacts) < _deviance_with_evidence(fit) - asked else fit
 
 
 def _first_rows(data: WindowData, rows: int | None) -> WindowData:
@@ -156,7 +159,7 @@ class _IteratedGLS:
         explicit_theta: bool,
         integrator: Integrator,
         binned_rows: int | None,
-        heat_among: Sequence[WeightedPlace],
+        heat_among: Sequence[WeightedPlace] | None,
     ):
         self.case, self.window, self.kinds = case, window, kinds
         self.eta, self.explicit_theta = eta, explicit_theta
@@ -179,7 +182,7 @@ class _IteratedGLS:
         the first search is made in the residual at each of some first diffusivities too.
         """
         fit = self.iterated(system, first)
-        if self.disturbance_option == "none" or fit.noise.white + fit.noise.autocorrelated < _LARGER_NOISE:
+        if not self.disturbance_is_searched or fit.noise.white + fit.noise.autocorrelated < _LARGER_NOISE:
             return fit
         others = [self.iterated(system, factor * first, minimised=False) for factor in _OTHER_STARTS]
         finite = [one for one in (fit, *others) if math.isfinite(one.marginal_deviance)]
@@ -203,16 +206,16 @@ class _IteratedGLS:
             if wall_names:
                 system = full_order = full_order_model_with_plates(self.case, point.wall)
             steps = 0 if fit is None and not minimised else self.case.choices.max_iterations
-            fit = self.iterate(system, full_order, point, fit, steps)
-            if self.is_last(fit, parameters, bent):
+            last, fit = fit, self.iterate(system, full_order, point, fit, steps)
+            if self.is_last(fit, last, parameters, bent):
                 break
             if fit.iterations == 1 and minimised:  # of another residual the memory of the noise is not known
                 self.filter_faces_as_found(fit)
             parameters = fit.parameters
             if bent:  # the model is linear about the last values: a step is one prior standard deviation at most
-                indices, last = parameters.indices(bent), point.in_prior_std(bent)
+                indices, before = parameters.indices(bent), point.in_prior_std(bent)
                 std = np.asarray(parameters.prior_std)[indices]
-                z = np.clip(np.asarray(parameters.values)[indices] / std, last - 1.0, last + 1.0)
+                z = np.clip(np.asarray(parameters.values)[indices] / std, before - 1.0, before + 1.0)
                 parameters = parameters.with_values(dict(zip(bent, std * clipped_to_prior(z), strict=True)))
         if wall_names:  # the reduced chi-square of the first iteration was that of the prior wall
             whitened = fit.noise_shape.stated_covariance().whitening @ np.asarray(fit.minimum.residual)
@@ -222,10 +225,11 @@ class _IteratedGLS:
             return replace(fit, robust=_noise_of_residual(fit.noise_shape, fit))
         return fit
 
-    def is_last(self, fit: GLSFit, before: Parameters, names: Sequence[str]) -> bool:
-        """Whether the iteration ends with a fit.
+    def is_last(self, fit: GLSFit, last: GLSFit | None, before: Parameters, names: Sequence[str]) -> bool:
+        """Whether the iteration ends with a fit: it stays, or the iterations are as many as there may be.
 
         Args:
+            last: the fit before it; None in the first iteration.
             before: the parameters before it.
             names: of those on which the readings depend in a way that is far from linear.
         """
@@ -233,7 +237,8 @@ class _IteratedGLS:
             return True
         searches = 1 if fit.disturbance is None else _SEARCHES
         most = _MAX_DISTURBED_ITERATIONS if self.disturbance_is_searched else _MAX_ITERATIONS
-        converged = fit.change < _CONVERGED * fit.log_std and _converged(fit, before, names)
+        same_noise = last is not None and (last.disturbance is None) == (fit.disturbance is None)
+        converged = same_noise and fit.change < _CONVERGED * fit.log_std and _converged(fit, before, names)
         return (converged and fit.iterations > searches) or fit.iterations >= (_MAX_WALL_ITERATIONS if names else most)
 
     def filter_faces_as_found(self, fit: GLSFit) -> None:
@@ -273,8 +278,9 @@ class _IteratedGLS:
 
     @property
     def disturbance_is_searched(self) -> bool:
-        """Whether a disturbance is asked for and there are enough readings to search for one."""
-        return self.disturbance_option != "none" and self.noise_can_be_estimated
+        """Whether a disturbance is asked for, may be anywhere, and there are enough readings to search for one."""
+        anywhere = self.heat_among is None or len(self.heat_among) > 0
+        return self.disturbance_option != "none" and anywhere and self.noise_can_be_estimated
 
     @property
     def noise_is_estimated(self) -> bool:
@@ -364,8 +370,12 @@ class _IteratedGLS:
         last: GLSFit,
         alone: Callable[[], NoiseCovariance],
     ) -> Disturbance | None:
-        """The disturbance found in the residual of the last iteration; None where it is not asked for."""
-        if last.iterations > _SEARCHES and last.change < _MOVED * last.log_std:
+        """The disturbance found in the residual of the last iteration, or that of the last iteration where that stayed.
+
+        None where `"auto"` asks for more evidence.
+        """
+        found_before = last.disturbance is not None
+        if found_before and last.iterations > _SEARCHES and last.change < _MOVED * last.log_std:
             return last.disturbance
         shape = self._noise_shape(system, point, conductance, search_bins(self.bins))
         likelihood = RestrictedLikelihood.of_coarser_bins(
@@ -374,7 +384,7 @@ class _IteratedGLS:
         # a plate's own noise has no memory of hours, unless the sensors show one
         without, memory = None if readings.in_flux else alone(), self.case.record.noise_memory
         enough = EVIDENCE if last.iterations < _SEARCHES else math.inf
-        among = self.heat_among
+        among = self.heat_among or ()
         if last.disturbance is not None and last.iterations > _SEARCHES and last.change < _FAR * last.log_std:
             among = last.disturbance.probable
         step = self.record.step * self.spacing

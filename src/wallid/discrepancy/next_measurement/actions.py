@@ -153,7 +153,7 @@ class Prescription:
             tried = _list_of([f"logging the {_words_of(self.column)}"] if self.column else kinds)
             text = f"{self.question}, nothing that was tried is probably enough: {tried}"
             best = self.refused
-            return f"{text}. Most probable: {best.words} ({best.probability:.2f})." if best else f"{text}."
+            return f"{text}. The best of them: {best.words} ({best.probability:.2f})." if best else f"{text}."
         best, *others = self.actions
         event = "an effect of typical size is then named" if self.column else "the next diagnosis is then right"
         text = f"{self.question}, {best.words}: {event} with probability {best.probability:.2f}"

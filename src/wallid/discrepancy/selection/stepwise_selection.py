@@ -30,7 +30,7 @@ from .score_test import (
 )
 
 MAX_EFFECTS = 2
-"""In a model: where a third would be significant, the missing effect is probably not in the library."""
+"""The largest number of effects in a model. Where a third is significant, the library probably lacks the true one."""
 _PAIR_TEST_LEVEL = 0.02  # below this p-value of the omnibus test after one effect, pairs and other forms are tried
 _SINGLES, _PAIRS, _RIVALS = 5, 3, 8  # candidates that are refitted: alone, as pairs, in exchange for an effect
 _LARGE_SHIFTS, _FORMS, _STARTS = 3, 2, 3  # refits of candidates that shift alpha far, of other forms, other starts
