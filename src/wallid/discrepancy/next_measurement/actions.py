@@ -211,7 +211,7 @@ def best_actions(actions: Sequence[Action], now: float) -> tuple[Action, ...]:
 
 
 def not_probable_enough(actions: Sequence[Action], now: float) -> Action | None:
-    """The most probable of these actions where none is probable enough; else, or if a repeat is better, None."""
+    """The most probable action, where none is probable enough and it is better than a repeat; else None."""
     best = max(actions, key=lambda action: action.probability, default=None)
     return best if best is not None and now < best.probability < HELPFUL else None
 
