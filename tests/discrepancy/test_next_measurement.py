@@ -378,10 +378,15 @@ def test_the_best_actions_weigh_probability_and_effort():
     assert "a mere repeat of this record is as good" in repeat.sentence and "0.80" in repeat.sentence
     unlogged = Prescription((), ("solar gain",), 0.0, (), ("column",), column="irradiance")
     assert unlogged.sentence == (
-        "To test for solar gain, nothing that was tried is probably enough: logging the irradiance on the outer face."
+        "To test for solar gain, logging the irradiance on the outer face is probably not enough: "
+        "an effect of typical size is then named with probability 0.00."
     )
     weak = replace(unlogged, refused=action("column", 0.3, 1.0, column="irradiance"))
-    assert weak.sentence.endswith("face. The best of them: log the irradiance on the outer face (0.30).")
+    assert weak.sentence.endswith("named with probability 0.30.")
+    refused = replace(none, refused=action("sensor", 0.3, 3.0, position=0.1))
+    assert refused.sentence.endswith(
+        ". The best of them: put one more temperature sensor 0.1 m from the left face (0.30)."
+    )
     assert not_probable_enough([weak.refused, *best.actions], 0.1) is None and not_probable_enough([], 0.1) is None
     assert not_probable_enough([weak.refused], 0.1) is weak.refused
     assert not_probable_enough([weak.refused], 0.3) is None  # no better than a repeat

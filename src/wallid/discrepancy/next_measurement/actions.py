@@ -148,14 +148,15 @@ class Prescription:
                 f"{self.question}, a mere repeat of this record is as good as all that was tried: the next diagnosis "
                 f"is then right with probability {self.now:.2f}."
             )
+        event = "an effect of typical size is then named" if self.column else "the next diagnosis is then right"
+        if not self.actions and self.column:
+            text = f"{self.question}, logging the {_words_of(self.column)} is probably not enough"
+            return f"{text}: {event} with probability {0.0 if self.refused is None else self.refused.probability:.2f}."
         if not self.actions:
-            kinds = [_KIND_WORDS[kind] for kind in self.tried]
-            tried = _list_of([f"logging the {_words_of(self.column)}"] if self.column else kinds)
-            text = f"{self.question}, nothing that was tried is probably enough: {tried}"
-            best = self.refused
+            tried = _list_of([_KIND_WORDS[kind] for kind in self.tried])
+            text, best = f"{self.question}, nothing that was tried is probably enough: {tried}", self.refused
             return f"{text}. The best of them: {best.words} ({best.probability:.2f})." if best else f"{text}."
         best, *others = self.actions
-        event = "an effect of typical size is then named" if self.column else "the next diagnosis is then right"
         text = f"{self.question}, {best.words}: {event} with probability {best.probability:.2f}"
         if not self.column:
             text += f", after a mere repeat of this record with {self.now:.2f}"
