@@ -576,10 +576,10 @@ def test_a_reduced_model_learns_fluxes_and_answers_for_its_error(both):
     fit = wallid.estimate(case_of(), window, learned.select([1, 2]))
     moved, std = np.log(fit.value / both.value), both.std / both.value
     assert abs(moved) < 0.2 * std and fit.thermal.resistance.value == pytest.approx(R, rel=0.02)
-    assert fit.model_shift == pytest.approx(moved, abs=0.05 * std)
+    assert fit.model_shift == pytest.approx(moved, rel=0.2)
     coarse = wallid.learn(case, window, 7, plates=True).system.select([1, 2])
     less_exact = wallid.estimate(case_of(), window, coarse)
-    assert less_exact.model_shift == pytest.approx(np.log(less_exact.value / both.value), rel=0.25)
+    assert less_exact.model_shift == pytest.approx(np.log(less_exact.value / both.value), rel=0.1)
     assert "reduced-order model of order 9" in str(fit) and "full-order model" in str(both)
 
 

@@ -72,13 +72,17 @@ class InitialFit:
         """Where a reading is present, `(time, output)`."""
         return np.asarray(self.data.weight) > 0
 
-    def reduction_error(self, diffusivity: float) -> np.ndarray | None:
-        """Full-order minus reduced-order predictions, K (a flux as q L / k); None for a full-order model."""
+    def reduction_error(self, diffusivity: float, data: WindowData) -> np.ndarray | None:
+        """Full-order minus reduced-order predictions, K (a flux as q L / k); None for a full-order model.
+
+        Args:
+            data: of the window, as the fit has them: beside plates its faces are filtered.
+        """
         if not self.reduced or not np.isfinite(diffusivity):
             return None
         plates = plate_outputs(self.case) if self.data.observed.shape[1] > len(self.case.sensors) else []
         fourier = on_device(scales(self.case).fourier_number(diffusivity))
-        return np.asarray(model_difference(full_order_model(self.case, plates), self.system, self.data, fourier))
+        return np.asarray(model_difference(full_order_model(self.case, plates), self.system, data, fourier))
 
     def history(self, traces: tuple[Trace, ...] = ()) -> dict[str, np.ndarray]:
         """The iterates of the paper's iteration, then those of the GLS rounds."""
@@ -160,7 +164,7 @@ def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[
     """
     case, best = initial.case, best_fit.minimum
     value, std_log = best_fit.diffusivity, best_fit.log_std
-    reduction_error = initial.reduction_error(value)
+    reduction_error = initial.reduction_error(value, best_fit.problem.data)
     shift = 0.0 if reduction_error is None else best_fit.model_shift(reduction_error)
     interval = best_fit.interval
     low, high = (
@@ -281,7 +285,7 @@ def initial_estimate(initial: InitialFit) -> Estimate:
     chi_square = float(np.sum((residual / noise)[present] ** 2) + np.sum(beta**2)) / freedom
     spread = spread * max(1.0, chi_square)
     noise_std_log, shift = float(np.sqrt(spread[0, 0])), 0.0
-    if (error := initial.reduction_error(value)) is not None:
+    if (error := initial.reduction_error(value, initial.data)) is not None:
         rows = np.concatenate([(weight * error).reshape(-1), np.zeros(len(data.offsets))])
         shift = float(np.linalg.lstsq(np.asarray(fit.jacobian), rows)[0][0])
     spread[0, 0] += shift**2
