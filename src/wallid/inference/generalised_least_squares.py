@@ -374,9 +374,12 @@ class _IteratedGLS:
 
         None where `"auto"` asks for more evidence.
         """
-        found_before = last.disturbance is not None
-        if found_before and last.iterations > _SEARCHES and last.change < _MOVED * last.log_std:
-            return last.disturbance
+        among = self.heat_among or ()
+        if last.disturbance is not None and last.iterations > _SEARCHES:
+            if last.change < _MOVED * last.log_std:
+                return last.disturbance
+            if last.change < _FAR * last.log_std:
+                among = last.disturbance.probable
         shape = self._noise_shape(system, point, conductance, search_bins(self.bins))
         likelihood = RestrictedLikelihood.of_coarser_bins(
             shape, last.noise_shape.bins, np.asarray(last.minimum.residual), last.readings_jacobian, last.deviation
@@ -384,9 +387,6 @@ class _IteratedGLS:
         # a plate's own noise has no memory of hours, unless the sensors show one
         without, memory = None if readings.in_flux else alone(), self.case.record.noise_memory
         enough = EVIDENCE if last.iterations < _SEARCHES else math.inf
-        among = self.heat_among or ()
-        if last.disturbance is not None and last.iterations > _SEARCHES and last.change < _FAR * last.log_std:
-            among = last.disturbance.probable
         step = self.record.step * self.spacing
         found = find_disturbance(readings, shape, step, likelihood, without, memory, enough, among)
         return found if self.disturbance_option == "on" or found.evidence > EVIDENCE else None

@@ -179,10 +179,8 @@ class GLSFit:
         if self.robust is None and not self.noise_estimated:
             return self.generalised_inverse @ self.generalised_inverse.T * self.noise_inflation
         K, priors = np.split(self.generalised_inverse, [len(self.noise.whitening)], axis=1)
-        if self.robust is None:
-            return K @ K.T * self.noise_inflation + priors @ priors.T
         K = K @ self.noise.whitening
-        return K @ self.robust.covariance @ K.T + priors @ priors.T
+        return K @ self.readings_covariance @ K.T + priors @ priors.T
 
     @cached_property
     def readings_covariance(self) -> np.ndarray:

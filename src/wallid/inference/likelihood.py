@@ -237,8 +237,8 @@ def profile_likelihood(problem: LikelihoodProblem, log_alpha: Float[Array, " poi
             root = jnp.linalg.cholesky(J.T @ J)
             explained = jax.scipy.linalg.solve_triangular(root, J.T @ residual, lower=True)
             step = jax.scipy.linalg.solve_triangular(root, explained, lower=True, trans=1)
-            cost = jnp.sum(residual**2) - jnp.sum(explained**2) + 2.0 * jnp.sum(jnp.log(jnp.diag(root)))
-            return z - step / jnp.maximum(1.0, jnp.max(jnp.abs(step))), cost
+            marginal = jnp.sum(residual**2) - jnp.sum(explained**2) + 2.0 * jnp.sum(jnp.log(jnp.diag(root)))
+            return z - step / jnp.maximum(1.0, jnp.max(jnp.abs(step))), marginal
 
         first = jnp.zeros(len(problem.parameters) - 1), jnp.zeros(())
         return jax.lax.fori_loop(0, steps, at_next, first)[1]  # a loop, because each copy is compiled
