@@ -78,9 +78,8 @@ class _RefitsWithoutNoise:
 
     def cost(self, fit: EffectFit) -> float:
         """The lowest cost with the effects of a fit of the present record."""
-        from_present, base = self._refit(fit), self.candidate.present.fits[-1]
-        searched = [one for one in from_present.active if len(one.names) > 1 and one.names not in _names(base)]
-        best = [k for one in searched for k in self._scores.candidates_of(one)[:1]]
+        from_present = self._refit(fit)
+        best = [k for one in from_present.active if one in self._searched for k in self._scores.candidates_of(one)[:1]]
         return min([from_present.cost, *(self.fits.add_candidates(self._scores, (k,)).cost for k in best)])
 
     def _refit(self, fit: EffectFit) -> EffectFit:
@@ -89,13 +88,16 @@ class _RefitsWithoutNoise:
         return refit(self.fits.problem, effects, parameters, self.covariance)
 
     @cached_property
+    def _searched(self) -> tuple[EffectParameters, ...]:
+        """The effects of the set that have a position, an hour or a temperature, in the library of the next record."""
+        *of_set, base = (same_effects(self.candidate, fit) for fit in self.candidate.present.fits)
+        effects = dict.fromkeys(one for active in of_set for one in active if one not in base)
+        return tuple(one for one in effects if len(one.names) > 1)
+
+    @cached_property
     def _scores(self) -> CandidateScores:
-        """The score test against the fit without the effects of the set."""
-        return self.fits.score_candidates(self._refit(self.candidate.present.fits[-1]))
-
-
-def _names(fit: EffectFit) -> set[tuple[str, ...]]:
-    return {one.names for one in fit.active}
+        """The score test of these against the fit without the effects of the set."""
+        return self.fits.score_effects(self._refit(self.candidate.present.fits[-1]), self._searched)
 
 
 def same_effects(candidate: CandidateRecord, fit: EffectFit) -> tuple[EffectParameters, ...]:

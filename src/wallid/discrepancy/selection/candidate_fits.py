@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
 import numpy as np
 
 from ...inference.likelihood import LOG_DIFFUSIVITY
@@ -14,7 +17,7 @@ from ..problem import DiagnosisProblem, EffectParameters
 from ..residual_tests import ResidualTests, omnibus_directions, run_residual_tests
 from .acceptance import reason_for_refusal
 from .effect_results import Trial
-from .score_test import CandidateJacobian, CandidateScores, candidate_jacobian, score_candidates
+from .score_test import CandidateJacobian, CandidateScores, candidate_jacobian, jacobian_of_effects, score_candidates
 
 _MODEL_ERROR = 1e-3  # share of the gain of an effect that its discretisation may leave in the residual: 3 % of its size
 _FAR_FROM_PRIOR = 1.0  # of ln(alpha) from the prior, from which fits also start at the prior
@@ -107,6 +110,18 @@ class CandidateFits:
     def score_candidates(self, fit: EffectFit) -> CandidateScores:
         """The score test of the entire library against a fit."""
         return score_candidates(fit, self.candidate_jacobian(fit), self.random)
+
+    def score_effects(
+        self, fit: EffectFit, effects: Sequence[EffectParameters], known: Mapping[str, float] = MappingProxyType({})
+    ) -> CandidateScores:
+        """The score test of some effects against a fit.
+
+        Args:
+            fit: the base.
+            effects: those that are not in it.
+            known: their known positions, hours and temperatures by name; the others are scanned.
+        """
+        return score_candidates(fit, jacobian_of_effects(self.problem, fit, effects, known), self.random)
 
     def candidate_jacobian(self, fit: EffectFit) -> CandidateJacobian:
         """The derivatives of the library, computed once for each set of effects: they hardly change between fits."""

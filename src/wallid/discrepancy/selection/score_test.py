@@ -13,6 +13,7 @@ Source: C. R. Rao, Proc. Camb. Phil. Soc. 44 (1948), 50 (the score test).
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -252,14 +253,18 @@ def candidate_jacobian(problem: DiagnosisProblem, base: EffectFit) -> CandidateJ
     This is accurate enough for a ranking; a refit is exact.
     """
     effects = [effect for effect in problem.library if not any(same_effect_and_target(effect, o) for o in base.active)]
-    return _jacobian_of(problem, base, [c for effect in effects for c in _scan_candidates(problem, effect, {})])
+    return jacobian_of_effects(problem, base, effects, {})
 
 
-def candidate_jacobian_of_forms(
-    problem: DiagnosisProblem, base: EffectFit, forms: list[EffectParameters], known: dict[str, float]
+def jacobian_of_effects(
+    problem: DiagnosisProblem, base: EffectFit, effects: Sequence[EffectParameters], known: Mapping[str, float]
 ) -> CandidateJacobian:
-    """The same for some forms of an effect, with its known positions and hours; the other parameters are scanned."""
-    return _jacobian_of(problem, base, [c for form in forms for c in _scan_candidates(problem, form, known)])
+    """The same for some effects, with their known positions, hours and temperatures; the other ones are scanned."""
+    candidates = [candidate for effect in effects for candidate in _scan_candidates(problem, effect, known)]
+    points = [(candidate.effect_parameters.names[0], candidate.scan_values) for candidate in candidates]
+    return CandidateJacobian(
+        tuple(candidates), first_order_columns(problem.model, problem.bins, base.parameters, points)
+    )
 
 
 def same_effect_and_target(one: EffectParameters, other: EffectParameters) -> bool:
@@ -268,20 +273,13 @@ def same_effect_and_target(one: EffectParameters, other: EffectParameters) -> bo
 
 
 def _scan_candidates(
-    problem: DiagnosisProblem, effect_parameters: EffectParameters, known: dict[str, float]
+    problem: DiagnosisProblem, effect_parameters: EffectParameters, known: Mapping[str, float]
 ) -> list[Candidate]:
     """An effect at every point of its grid, with the known parameters at their values."""
     names = effect_parameters.full_names
     grid = effect_parameters.effect.scan(problem.search_range)
     points = [tuple((names[key], known.get(key, value)) for key, value in point.items()) for point in grid]
     return [Candidate(effect_parameters, dict(point)) for point in dict.fromkeys(points)]
-
-
-def _jacobian_of(problem: DiagnosisProblem, base: EffectFit, candidates: list[Candidate]) -> CandidateJacobian:
-    points = [(candidate.effect_parameters.names[0], candidate.scan_values) for candidate in candidates]
-    return CandidateJacobian(
-        tuple(candidates), first_order_columns(problem.model, problem.bins, base.parameters, points)
-    )
 
 
 def _required_sign(effect_parameters: EffectParameters) -> int:

@@ -22,12 +22,7 @@ from .acceptance import (
 )
 from .candidate_fits import CandidateFits
 from .effect_results import NamedEffect
-from .score_test import (
-    CandidateScores,
-    candidate_jacobian_of_forms,
-    same_effect_and_target,
-    score_candidates,
-)
+from .score_test import CandidateScores, same_effect_and_target
 
 MAX_EFFECTS = 2
 """The largest number of effects in a model. Where a third is significant, the library probably lacks the true one."""
@@ -293,7 +288,7 @@ class StepwiseSelection:
             return []
         sizes = {parameter.name for parameter in effect_parameters.effect.parameters if parameter.is_size}
         known = {name: value for name, value in effect_parameters.values(fit.parameters).items() if name not in sizes}
-        scores = score_candidates(base, candidate_jacobian_of_forms(self.problem, base, forms, known), self.fits.random)
+        scores = self.fits.score_effects(base, forms, known)
         chosen = [k for k in scores.best(_FORMS) if scores.gain[k] >= _comparable(base, fit)]
         fits = [self.fits.add_candidates(scores, (k,)) for k in chosen]
         # an effect that replaced the right form may not be needed beside it
