@@ -110,8 +110,18 @@ def bin_readings(present: np.ndarray, observed: np.ndarray, *, plates: bool) -> 
     """
     rows = np.flatnonzero(present.any(axis=1))
     spacing = math.gcd(*np.diff(rows).tolist()) if len(rows) > 1 and not plates else 1
-    factor = math.ceil(present.size / spacing / MAX_READINGS)
-    return BinnedReadings(on_device(observed), on_device(present.astype(float)), spacing * max(1, factor)), spacing
+    rows_per_bin = rows_in_a_bin(present.size, spacing)
+    return BinnedReadings(on_device(observed), on_device(present.astype(float)), rows_per_bin), spacing
+
+
+def rows_in_a_bin(readings: int, spacing: int) -> int:
+    """The rows of a bin, so that there are at most `MAX_READINGS` means.
+
+    Args:
+        readings: rows times sensors.
+        spacing: of the readings in rows.
+    """
+    return spacing * max(1, math.ceil(readings / spacing / MAX_READINGS))
 
 
 def restricted_to_reading_rows(

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ...inference.noise_covariance import BinnedReadings, rows_in_a_bin
 from ...inference.parameters import Parameters
 from ..effect_fit import EffectFit
 from ..problem import DiagnosisProblem, diagnosis_problem
@@ -91,6 +92,8 @@ class CandidateRecord(ABC):
 class LongerRecord(CandidateRecord):
     """A record of some times the length, with like weather.
 
+    Its readings are means over longer bins, as a diagnosis of it will take them.
+
     Args:
         present: the present one.
         length: in lengths of the present record; 1 for a repeat of it.
@@ -107,14 +110,32 @@ class LongerRecord(CandidateRecord):
         return {}
 
     @cached_property
+    def _bins(self) -> BinnedReadings:
+        """The bins of the present readings, as long as those of the longer record: a whole number of present ones."""
+        present, problem = self.present.problem.bins, self.present.problem
+        rows = rows_in_a_bin(round(self.length * present.present.size), problem.spacing)
+        return replace(present, rows_per_bin=present.rows_per_bin * max(1, round(rows / present.rows_per_bin)))
+
+    @property
+    def _has_present_bins(self) -> bool:
+        return self._bins.rows_per_bin == self.present.problem.bins.rows_per_bin
+
+    @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
-        """Those of the present record."""
-        return self.present.explanations
+        """Those of the present record, in the bins of this one."""
+        average = self._bins.in_coarser_bins(self.present.problem.bins)
+        return tuple(one.averaged(average) for one in self.present.explanations)
+
+    @cached_property
+    def whitening(self) -> np.ndarray:
+        """W of the means over its bins."""
+        first = self.present.fits[0]
+        return first.problem.noise_shape(first.parameters, self._bins).covariance_like(first.noise).whitening
 
     @cached_property
     def whitened_explanations(self) -> tuple[Explanation, ...]:
-        """Those of the present record, whitened once for all lengths."""
-        return self.present.whitened_explanations
+        """The same, whitened; where the bins are the present ones, once for all lengths."""
+        return self.present.whitened_explanations if self._has_present_bins else super().whitened_explanations
 
     @cached_property
     def problem(self) -> DiagnosisProblem:

@@ -21,7 +21,7 @@ Source: A. C. Atkinson, V. V. Fedorov, Biometrika 62 (1975), 57 (designs that di
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -67,6 +67,14 @@ class Explanation:
         """The same for the readings times W, with `W' W` the inverse covariance of the readings."""
         growth = None if self.growth is None else Growth(*(whitening @ part for part in self.growth))
         return replace(self, predicted=whitening @ self.predicted, jacobian=whitening @ self.jacobian, growth=growth)
+
+    def averaged(self, average: Callable[[np.ndarray], np.ndarray]) -> Explanation:
+        """The same for means of the readings; `average` maps `(*, reading)` to them."""
+        growth = self.growth
+        if growth is not None:
+            growth = Growth(average(growth.predicted), average(growth.jacobian.T).T)
+        predicted, jacobian = average(self.predicted), average(self.jacobian.T).T
+        return replace(self, predicted=predicted, jacobian=jacobian, growth=growth)
 
     def residual(self, true: Explanation, length: float) -> Float[np.ndarray, " row"]:
         """The residual of the best fit to the readings of a true explanation, with the prior residuals below.
