@@ -89,6 +89,16 @@ def faces_known_in_all_tests():
         yield
 
 
+@pytest.fixture(scope="module")
+def without_next_measurement():
+    """A diagnosis ends with what the record says, in a file that has no test of what to measure next."""
+    from wallid.discrepancy import search_for_effects
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(search_for_effects, "what_to_measure", lambda *_: ())
+        yield
+
+
 @pytest.fixture
 def measured():
     """The folder of measured records; a test that needs it is skipped where it is absent."""

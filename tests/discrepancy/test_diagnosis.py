@@ -18,7 +18,7 @@ from wallid.discrepancy.selection.candidate_fits import CandidateFits, plain_mod
 from wallid.discrepancy.selection.effect_results import Trial
 from wallid.discrepancy.selection.stepwise_selection import StepwiseSelection
 
-pytestmark = pytest.mark.runs_long
+pytestmark = [pytest.mark.runs_long, pytest.mark.usefixtures("without_next_measurement")]
 
 # One shape of record for all: each new one is compiled anew.
 PLAIN = Spec(

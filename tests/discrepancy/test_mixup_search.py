@@ -10,7 +10,7 @@ from studies import SPEC
 
 import wallid
 
-pytestmark = pytest.mark.runs_long
+pytestmark = [pytest.mark.runs_long, pytest.mark.usefixtures("without_next_measurement")]
 
 MONITORED = replace(SPEC, days=10.0, step=1800.0, noise_std=0.05, boundary_noise_std=0.05, rounding=0.01)
 
