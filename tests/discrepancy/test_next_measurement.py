@@ -31,6 +31,7 @@ from wallid.discrepancy.next_measurement.unlogged_columns import typical_courses
 from wallid.discrepancy.problem import diagnosis_problem
 from wallid.discrepancy.record_forcing import hours_of_day
 from wallid.discrepancy.selection.candidate_fits import CandidateFits
+from wallid.inference import noise_covariance
 from wallid.records.weather_year import read_weather_year
 
 SPEC = Spec(
@@ -65,11 +66,15 @@ def found(tmp_path_factory):
     return replace(diagnosis, effects=(doubted,), rivals=(other,))
 
 
-def test_an_added_sensor_reads_what_a_case_with_it_predicts(found):
+@pytest.mark.parametrize(("most", "rows_per_bin"), [(1500, 1), (450, 2)])
+def test_an_added_sensor_reads_what_a_case_with_it_predicts(found, monkeypatch, most, rows_per_bin):
+    """Where the readings with it are too many, in longer bins than those of the present 384."""
+    monkeypatch.setattr(noise_covariance, "MAX_READINGS", most)
     (confusable,) = confusable_sets(found)
     (added,) = added_sensors(confusable.present, [0.22])
     record = RecordWithSensor(confusable.present, added)
     problem, fit = record.problem, confusable.present.fits[0]
+    assert (fit.problem.bins.rows_per_bin, problem.bins.rows_per_bin) == (1, rows_per_bin)
     assert [sensor.name for sensor in problem.case.sensors][:2] == ["T1", "T2"] and len(problem.case.sensors) == 3
     values = {name: float(fit.parameters[name]) for name in fit.parameters.names}
     active = tuple(one for one in problem.library if one.names == fit.active[0].names)

@@ -71,6 +71,16 @@ class BinnedReadings(eqx.Module):
         """The number of readings in each bin."""
         return self._sum(self.present)
 
+    def as_long_as_of(self, readings: int, spacing: int) -> BinnedReadings:
+        """The same readings in bins as long as those of more readings: a whole number of present bins.
+
+        Args:
+            readings: rows times sensors.
+            spacing: of the readings in rows.
+        """
+        factor = max(1, round(rows_in_a_bin(readings, spacing) / self.rows_per_bin))
+        return BinnedReadings(self.observed, self.present, self.rows_per_bin * factor)
+
     def in_coarser_bins(self, finer: BinnedReadings) -> Callable[[np.ndarray], np.ndarray]:
         """The function from means over finer bins, `(*, reading)`, to means over these, weighted by the readings."""
         factor = self.rows_per_bin // finer.rows_per_bin

@@ -33,6 +33,8 @@ _OWN_ERRORS = (SensorOffsets.kind, SensorPositions.kind)
 class AddedSensor:
     """One more sensor, and what each fit predicts for it.
 
+    More readings may be means over longer bins, as the diagnosis of such a record will take them.
+
     Args:
         sensor: its position and standard deviations.
         like: index of the sensor in whose rows it has readings.
@@ -70,12 +72,25 @@ def added_sensors(present: PresentRecord, positions: Sequence[float]) -> Iterato
         predictions = [_Prediction.of(fit, at) for fit, at in zip(fits, parameters, strict=True)]
         for slot, position in enumerate(some):
             sensor = another_sensor(problem, position)
+            finer = _with_readings_of_last(problem.bins, slot)
+            bins = finer.as_long_as_of(finer.present.size, problem.spacing)
+            average = bins.in_coarser_bins(finer)
             extended = tuple(
-                prediction.extend(one, sensor, slot)
+                prediction.extend(one, sensor, slot).averaged(average)
                 for prediction, one in zip(predictions, present.explanations, strict=True)
             )
-            whitening = _whitening(fits[0], sensor, slot, of_present.with_last(moved, slot))
+            whitening = _whitening(fits[0], sensor, bins, of_present.with_last(moved, slot))
             yield AddedSensor(sensor, slot, whitening, extended)
+
+
+def _with_readings_of_last(bins: BinnedReadings, like: int) -> BinnedReadings:
+    """The readings with one more sensor, which has them in the rows of the sensor `like`."""
+    observed, present = (np.asarray(rows) for rows in (bins.observed, bins.present))
+    return BinnedReadings(
+        on_device(np.column_stack([observed, observed[:, like]])),
+        on_device(np.column_stack([present, present[:, like]])),
+        bins.rows_per_bin,
+    )
 
 
 def _moved(parameters: Parameters, sensors: Sequence[Sensor], positions: Sequence[float]) -> Parameters:
@@ -139,15 +154,9 @@ class _Prediction:
         )
 
 
-def _whitening(fit: EffectFit, sensor: Sensor, like: int, responses: FaceErrorResponses) -> np.ndarray:
-    """W of all readings with those of one more sensor, which has them in the rows of the sensor `like`."""
+def _whitening(fit: EffectFit, sensor: Sensor, bins: BinnedReadings, responses: FaceErrorResponses) -> np.ndarray:
+    """W of all readings with those of one more sensor."""
     problem = fit.problem
-    observed, present = (np.asarray(rows) for rows in (problem.bins.observed, problem.bins.present))
-    bins = BinnedReadings(
-        on_device(np.column_stack([observed, observed[:, like]])),
-        on_device(np.column_stack([present, present[:, like]])),
-        problem.bins.rows_per_bin,
-    )
     stds = np.append(problem.noise_stds, sensor.noise_std)
     face_noise, errors = face_noise_of_model(problem.case)
     shape = noise_shape_of_record(

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...inference.noise_covariance import BinnedReadings, rows_in_a_bin
+from ...inference.noise_covariance import BinnedReadings
 from ...inference.parameters import Parameters
 from ..effect_fit import EffectFit
 from ..problem import DiagnosisProblem, diagnosis_problem
@@ -111,10 +111,9 @@ class LongerRecord(CandidateRecord):
 
     @cached_property
     def _bins(self) -> BinnedReadings:
-        """The bins of the present readings, as long as those of the longer record: a whole number of present ones."""
-        present, problem = self.present.problem.bins, self.present.problem
-        rows = rows_in_a_bin(round(self.length * present.present.size), problem.spacing)
-        return replace(present, rows_per_bin=present.rows_per_bin * max(1, round(rows / present.rows_per_bin)))
+        """The bins of the present readings, as long as those of the longer record."""
+        bins, spacing = self.present.problem.bins, self.present.problem.spacing
+        return bins.as_long_as_of(round(self.length * bins.present.size), spacing)
 
     @property
     def _has_present_bins(self) -> bool:

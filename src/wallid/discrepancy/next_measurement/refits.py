@@ -13,10 +13,11 @@ from functools import cached_property
 
 import numpy as np
 
+from ...inference.likelihood import LOG_DIFFUSIVITY
 from ...inference.noise_covariance import NoiseCovariance, bin_readings
 from ...models.flux_plates import fluxes_of
 from ..effect_fit import EffectFit, refit
-from ..model_with_effects import predict
+from ..model_with_effects import linearise
 from ..problem import DiagnosisProblem, EffectParameters
 from ..selection.candidate_fits import CandidateFits
 from ..selection.score_test import CandidateScores
@@ -109,8 +110,9 @@ def same_effects(candidate: CandidateRecord, fit: EffectFit) -> tuple[EffectPara
 def _with_readings_of(candidate: CandidateRecord, fit: EffectFit) -> DiagnosisProblem:
     """The next record with the readings that a fit predicts, without noise, in the rows that have a reading."""
     problem = candidate.problem
-    linear = problem.is_linear(fit.active)
-    predicted = np.asarray(predict(problem.model, candidate.next_parameters(fit), linear))
+    # by the compiled function of the fits: another one would be compiled for each kind of record
+    parameters, linear = candidate.next_parameters(fit), problem.is_linear(fit.active)
+    predicted, _ = linearise(problem.model, problem.bins, parameters, (LOG_DIFFUSIVITY,), linear=linear)
     present = np.isfinite(problem.readings)
     bins, _ = bin_readings(present, np.where(present, predicted, 0.0), plates=bool(fluxes_of(problem.case)))
     return replace(problem, readings=np.where(present, predicted, np.nan), bins=bins)
