@@ -76,7 +76,7 @@ def added_sensors(present: PresentRecord, positions: Sequence[float]) -> Iterato
             bins = finer.as_long_as_of(finer.present.size, problem.spacing)
             average = bins.in_coarser_bins(finer)
             extended = tuple(
-                prediction.extend(one, sensor, slot).averaged(average)
+                prediction.extend(one, sensor, slot).mapped(average)
                 for prediction, one in zip(predictions, present.explanations, strict=True)
             )
             whitening = _whitening(fits[0], sensor, bins, of_present.with_last(moved, slot))

@@ -77,6 +77,11 @@ class CandidateRecord(ABC):
     def problem(self) -> DiagnosisProblem:
         """The next record, over one length of the present one, prepared for a diagnosis."""
 
+    def own_whitening(self, bins: BinnedReadings | None = None) -> np.ndarray:
+        """W by the record's own model, with the noise of the present record; `bins` as in `noise_shape`."""
+        first = self.present.fits[0]
+        return self.problem.noise_shape(self.next_parameters(first), bins).covariance_like(first.noise).whitening
+
     def next_name(self, name: str) -> str:
         """The name in the next record of a parameter of the present one."""
         return name
@@ -115,26 +120,22 @@ class LongerRecord(CandidateRecord):
         bins, spacing = self.present.problem.bins, self.present.problem.spacing
         return bins.as_long_as_of(round(self.length * bins.present.size), spacing)
 
-    @property
-    def _has_present_bins(self) -> bool:
-        return self._bins.rows_per_bin == self.present.problem.bins.rows_per_bin
-
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
         """Those of the present record, in the bins of this one."""
         average = self._bins.in_coarser_bins(self.present.problem.bins)
-        return tuple(one.averaged(average) for one in self.present.explanations)
+        return tuple(one.mapped(average) for one in self.present.explanations)
 
     @cached_property
     def whitening(self) -> np.ndarray:
         """W of the means over its bins."""
-        first = self.present.fits[0]
-        return first.problem.noise_shape(first.parameters, self._bins).covariance_like(first.noise).whitening
+        return self.own_whitening(self._bins)
 
     @cached_property
     def whitened_explanations(self) -> tuple[Explanation, ...]:
         """The same, whitened; where the bins are the present ones, once for all lengths."""
-        return self.present.whitened_explanations if self._has_present_bins else super().whitened_explanations
+        has_present_bins = self._bins.rows_per_bin == self.present.problem.bins.rows_per_bin
+        return self.present.whitened_explanations if has_present_bins else super().whitened_explanations
 
     @cached_property
     def problem(self) -> DiagnosisProblem:

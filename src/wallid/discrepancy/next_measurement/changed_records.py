@@ -44,11 +44,6 @@ class ChangedRecord(CandidateRecord):
         predicted, slopes = linearise(problem.model, problem.bins, parameters, names, linear=linear)
         return replace(present, predicted=problem.binned(predicted), jacobian=slopes.T)
 
-    def own_whitening(self) -> np.ndarray:
-        """W by the record's own model, with the noise of the present record."""
-        first = self.present.fits[0]
-        return self.problem.noise_shape(self.next_parameters(first)).covariance_like(first.noise).whitening
-
 
 class ShadedRecord(ChangedRecord):
     """A record with the outer face in the shade during its second half."""

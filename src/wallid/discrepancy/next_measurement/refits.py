@@ -98,7 +98,7 @@ class _RefitsWithoutNoise:
     @cached_property
     def _scores(self) -> CandidateScores:
         """The score test of these against the fit without the effects of the set."""
-        return self.fits.score_effects(self._refit(self.candidate.present.fits[-1]), self._searched)
+        return self.fits.score_effects(self._refit(self.candidate.present.fits[-1]), self._searched, {})
 
 
 def same_effects(candidate: CandidateRecord, fit: EffectFit) -> tuple[EffectParameters, ...]:

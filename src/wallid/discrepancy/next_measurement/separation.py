@@ -65,15 +65,14 @@ class Explanation:
 
     def whitened(self, whitening: Float[np.ndarray, "reading reading"]) -> Explanation:
         """The same for the readings times W, with `W' W` the inverse covariance of the readings."""
-        growth = None if self.growth is None else Growth(*(whitening @ part for part in self.growth))
-        return replace(self, predicted=whitening @ self.predicted, jacobian=whitening @ self.jacobian, growth=growth)
+        return self.mapped(lambda readings: readings @ whitening.T)
 
-    def averaged(self, average: Callable[[np.ndarray], np.ndarray]) -> Explanation:
-        """The same for means of the readings; `average` maps `(*, reading)` to them."""
+    def mapped(self, function: Callable[[np.ndarray], np.ndarray]) -> Explanation:
+        """The same for a linear function of the readings, such as their means; it maps `(*, reading)`."""
         growth = self.growth
         if growth is not None:
-            growth = Growth(average(growth.predicted), average(growth.jacobian.T).T)
-        predicted, jacobian = average(self.predicted), average(self.jacobian.T).T
+            growth = Growth(function(growth.predicted), function(growth.jacobian.T).T)
+        predicted, jacobian = function(self.predicted), function(self.jacobian.T).T
         return replace(self, predicted=predicted, jacobian=jacobian, growth=growth)
 
     def residual(self, true: Explanation, length: float) -> Float[np.ndarray, " row"]:

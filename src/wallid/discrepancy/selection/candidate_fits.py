@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 
 import numpy as np
 
@@ -112,7 +111,7 @@ class CandidateFits:
         return score_candidates(fit, self.candidate_jacobian(fit), self.random)
 
     def score_effects(
-        self, fit: EffectFit, effects: Sequence[EffectParameters], known: Mapping[str, float] = MappingProxyType({})
+        self, fit: EffectFit, effects: Sequence[EffectParameters], known: Mapping[str, float]
     ) -> CandidateScores:
         """The score test of some effects against a fit.
 
