@@ -21,9 +21,15 @@ from wallid.discrepancy.next_measurement.actions import EFFORTS, Action, Prescri
 from wallid.discrepancy.next_measurement.added_instrument import RecordWithFirstSensor
 from wallid.discrepancy.next_measurement.added_sensor import added_sensors
 from wallid.discrepancy.next_measurement.candidate_records import LongerRecord, RecordWithSensor, records_with_sensor
-from wallid.discrepancy.next_measurement.changed_records import SwappedRecord, changed_records, swapped_records
+from wallid.discrepancy.next_measurement.changed_records import (
+    HeatedRecord,
+    SwappedRecord,
+    changed_records,
+    swapped_records,
+)
 from wallid.discrepancy.next_measurement.confusable_sets import ConfusableSet, confusable_sets
 from wallid.discrepancy.next_measurement.informative_records import open_diffusivities
+from wallid.discrepancy.next_measurement.other_weather import SAME_WEATHER
 from wallid.discrepancy.next_measurement.present_record import PresentRecord, explanation_of
 from wallid.discrepancy.next_measurement.refits import refitted_separations
 from wallid.discrepancy.next_measurement.search import what_to_measure
@@ -31,6 +37,7 @@ from wallid.discrepancy.next_measurement.unlogged_columns import typical_courses
 from wallid.discrepancy.problem import diagnosis_problem
 from wallid.discrepancy.record_forcing import hours_of_day
 from wallid.discrepancy.selection.candidate_fits import CandidateFits
+from wallid.discrepancy.selection.effect_results import Trial
 from wallid.inference import noise_covariance
 from wallid.records.weather_year import read_weather_year
 
@@ -123,6 +130,42 @@ def test_shade_and_heat_change_the_faces_alone(found):
     warmer = heated.record.faces[:, 1] - problem.record.faces[:, 1]
     assert warmer.max() > 3.0 and warmer[: problem.record.rows // 3].max() == 0.0
     assert np.array_equal(heated.record.sensors, problem.record.sensors)
+
+
+def test_a_heating_tells_the_same_in_any_weather(found):
+    """Its twelve hours and the day after it, from a third of the eight days on; the faces' errors are those of now."""
+    (confusable,) = confusable_sets(found)
+    heated = HeatedRecord(confusable.present)
+    first, second = np.split(heated.blocks(2 * 8 * 24), 2)
+    assert np.array_equal(np.flatnonzero(first == SAME_WEATHER), 64 + np.arange(36)) and np.array_equal(first, second)
+    present, repeat = confusable.present.whitening, LongerRecord(confusable.present, 1.0)
+    changes = [np.linalg.norm(one - present) for one in (heated.whitening, repeat.own_whitening())]
+    assert changes[0] > 10.0 * changes[1]
+
+
+def test_forms_of_one_effect_are_no_rivals_of_each_other(found):
+    """Heat in the entire wall and at one place is one answer; both are rivals of an offset."""
+    by_label = {found.problem.label(one.effect): one for one in found.problem.library}
+    chosen = ("heat source", "offset of the left face", "heat source (placed)", "offset of the right face")
+    fits = [replace(found.before, active=(by_label[label],)) for label in chosen]
+    effects = tuple(by_label[label] for label in chosen[:3])
+    confusable = ConfusableSet(effects, PresentRecord((*fits, found.before)), chance_gain=15.0)
+    assert [confusable.rivals_of(k) for k in range(3)] == [(1, 3, 4), (0, 2, 3, 4), (1, 3, 4)]
+    assert confusable.distinct_effects == effects[:2]
+
+
+def test_another_form_that_the_diagnosis_tried_is_a_possible_truth(found):
+    """As if heat in the entire wall had been named, and heat at a place been tried."""
+    by_label = {found.problem.label(one.effect): one for one in found.problem.library}
+    entire, placed = by_label["heat source"], by_label["heat source (placed)"]
+    start = found.before.parameters.with_values({placed.names[0]: 2e-5, placed.names[1]: 0.3 * SPEC.length})
+    other = refit(found.problem, (placed,), start, found.after.noise)
+    trials = (Trial(found.before, other, 0.0), Trial(found.before, replace(other, cost=1e9), 0.0))
+    named = replace(found.effects[0], effect_parameters=entire, without=found.before)
+    after = replace(found.after, active=(entire,), cost=other.cost)
+    (confusable,) = confusable_sets(replace(found, effects=(named,), after=after, trials=trials))
+    assert confusable.effects[0] is entire and confusable.effects[-1] is placed and len(confusable.effects) == 3
+    assert confusable.present.fits[2].cost == pytest.approx(other.cost, abs=1e-3)
 
 
 def test_exchanged_sensors_read_each_others_places(found):

@@ -6,7 +6,13 @@ import scipy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wallid.discrepancy.next_measurement.separation import Explanation, Growth, Separation, separation
+from wallid.discrepancy.next_measurement.separation import (
+    Explanation,
+    FitWithoutNoise,
+    Growth,
+    Separation,
+    separation,
+)
 
 READINGS = 60
 
@@ -22,6 +28,11 @@ def explanations(seed=0, count=3):
             Explanation(1.5 * own, np.stack([common, own], axis=1), np.array([0.0, 1.5]), np.array([0.5, np.inf]))
         )
     return made
+
+
+def separated(true, rivals, length=1.0, blocks=None):
+    own, *others = (FitWithoutNoise(one, length, blocks) for one in (true, *rivals))
+    return separation(own, others)
 
 
 def costs(readings, models, whitening):
@@ -43,7 +54,7 @@ def test_probability_is_that_of_simulated_records():
     rng = np.random.default_rng(4)
     root = np.linalg.cholesky(scipy.linalg.toeplitz(0.5 ** np.arange(READINGS)))
     whitening = np.linalg.inv(root)
-    stated = separation(true.whitened(whitening), [one.whitened(whitening) for one in rivals], 1.0)
+    stated = separated(true.whitened(whitening), [one.whitened(whitening) for one in rivals])
     excesses = []
     for _ in range(300):
         all_costs = costs(true.predicted + root @ rng.standard_normal(READINGS), [true, *rivals], whitening)
@@ -57,7 +68,7 @@ def test_probability_is_that_of_simulated_records():
 
 def test_probability_against_one_rival_is_the_normal_integral():
     squared, criterion, spread = 30.0, 9.0, 0.2
-    one = Separation(np.array([squared]), np.array([[squared]]), np.zeros(1))
+    one = Separation(np.array([squared]), np.array([[squared]]), np.zeros(1), np.ones((1, 1)))
     distance = np.sqrt(squared)
     certain = scipy.stats.norm.cdf((squared - criterion) / (2.0 * distance))
     assert one.probability(np.array([criterion]), 0.0) == pytest.approx(certain, abs=0.02)
@@ -72,16 +83,16 @@ def test_probability_against_one_rival_is_the_normal_integral():
 
 def test_what_is_equal_cannot_be_separated():
     true, _, _ = explanations()
-    same = separation(true, [true], 1.0)
+    same = separated(true, [true])
     assert same.excess == pytest.approx([0.0], abs=1e-9)
     assert same.probability(np.array([9.0]), 0.3) == 0.0
-    assert separation(true, [], 1.0).probability(np.zeros(0), 0.3) == 1.0
+    assert separated(true, []).probability(np.zeros(0), 0.3) == 1.0
 
 
 @given(st.integers(0, 30), st.floats(1.0, 5.0))
 def test_a_longer_record_separates_more(seed, length):
     true, *rivals = explanations(seed)
-    once, longer = (separation(true, rivals, many) for many in (1.0, length))
+    once, longer = (separated(true, rivals, many) for many in (1.0, length))
     assert np.all(longer.excess >= once.excess - 1e-8)
     assert np.all(longer.excess <= length * once.excess * (1 + 1e-9) + 1e-8 + 10.0 * (length - 1))
 
@@ -98,9 +109,9 @@ def test_whole_lengths_are_copies_of_the_record():
         true.prior_std,
     )
     thrice = Explanation(np.tile(rival.predicted, 3), np.tile(rival.jacobian, (3, 1)), rival.values, rival.prior_std)
-    long = separation(copies, [thrice], 1.0)
-    assert separation(grown, [rival], 3.0).excess == pytest.approx(long.excess, rel=1e-9)
-    plain = separation(true, [rival], 3.0)
+    long = separated(copies, [thrice])
+    assert separated(grown, [rival], 3.0).excess == pytest.approx(long.excess, rel=1e-9)
+    plain = separated(true, [rival], 3.0)
     assert not np.allclose(plain.excess, long.excess)
 
 
@@ -114,8 +125,8 @@ def test_standard_error_is_that_of_least_squares():
 def test_other_distances_of_a_rival_without_an_expected_excess_are_finite():
     """A rival that would fall behind by nothing, or even be better, has a finite covariance of the excess."""
     inner = np.diag([4.0, 0.0, 9.0])
-    one = Separation(np.array([0.0, -2.0, 9.0]), inner, np.zeros(3))
-    moved = one.with_excess(np.array([4e12, 1e9, 36.0]))
+    one = Separation(np.array([0.0, -2.0, 9.0]), inner, np.zeros(3), np.ones((1, 3)))
+    moved = one.with_excess(np.array([4e12, 1e9, 36.0]), one.weather)
     assert np.isfinite(moved.inner).all() and moved.inner[2, 2] == pytest.approx(36.0)
     assert moved.inner[0, 0] == pytest.approx(4e12) and moved.inner[1, 1] == 0.0
     assert 0.0 <= moved.probability(np.full(3, 9.0), 0.1) <= 1.0

@@ -40,11 +40,6 @@ class _RecordWithInstrument(ChangedRecord):
         values, prior_std = (np.asarray(part)[mask] for part in (parameters.values, parameters.prior_std))
         return Explanation(problem.binned(predicted), slopes.T, values, prior_std, present.penalty)
 
-    @cached_property
-    def whitening(self) -> np.ndarray:
-        """W of all readings."""
-        return self.own_whitening()
-
 
 class RecordWithPlate(_RecordWithInstrument):
     """A record with a heat flux plate on a face.

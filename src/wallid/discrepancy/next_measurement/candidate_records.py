@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
+from jaxtyping import Int
 
 from ...inference.noise_covariance import BinnedReadings
 from ...inference.parameters import Parameters
@@ -16,6 +17,7 @@ from ..effect_fit import EffectFit
 from ..problem import DiagnosisProblem, diagnosis_problem
 from .actions import ActionKind
 from .added_sensor import AddedSensor, added_sensors
+from .other_weather import blocks_of_days
 from .present_record import PresentRecord
 from .separation import Explanation
 
@@ -76,6 +78,15 @@ class CandidateRecord(ABC):
     @abstractmethod
     def problem(self) -> DiagnosisProblem:
         """The next record, over one length of the present one, prepared for a diagnosis."""
+
+    @property
+    def instruments(self) -> int:
+        """The number of sensors and plates."""
+        return self.problem.instrument_count
+
+    def blocks(self, readings: int) -> Int[np.ndarray, " reading"]:
+        """The block of days to which each of so many means belongs, or `SAME_WEATHER`."""
+        return blocks_of_days(readings, self.instruments, self.present.days)
 
     def own_whitening(self, bins: BinnedReadings | None = None) -> np.ndarray:
         """W by the record's own model, with the noise of the present record; `bins` as in `noise_shape`."""
@@ -160,6 +171,11 @@ class RecordWithSensor(CandidateRecord):
     def parameters(self) -> dict[str, Any]:
         """The position, m."""
         return {"position": self.added.sensor.position}
+
+    @property
+    def instruments(self) -> int:
+        """The present ones and this sensor."""
+        return self.present.problem.instrument_count + 1
 
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:

@@ -28,6 +28,7 @@ from ...experiment_design.campaign_plan.typical_case import (
     typical_case,
 )
 from ...models.flux_plates import fluxes_of
+from ...records.uniform_record import Record
 from ...records.weather_year import HOURS, WeatherYear
 from ..problem import DiagnosisProblem
 from ..record_forcing import forcing_of_window, hours_of_day
@@ -58,13 +59,18 @@ def heated(problem: DiagnosisProblem, diffusivity: float) -> DiagnosisProblem:
     """
     record, wall = problem.record, problem.case.wall
     conductivity = conductivity_of(wall, diffusivity)
-    since = record.time - record.time[record.rows // 3]
+    since = record.time - heating_start(record)
     warming = _warming(since, conductivity, diffusivity) - _warming(
         since - HEATING_HOURS * 3600.0, conductivity, diffusivity
     )
     faces = np.array(record.faces)
     faces[:, SIDES.index(wall.inside)] += warming
     return _with_faces(problem, faces, {})
+
+
+def heating_start(record: Record) -> float:
+    """When the heating of a heated record begins, s since its first row: after a third of it."""
+    return float(record.time[record.rows // 3])
 
 
 def in_season(problem: DiagnosisProblem, weather: WeatherYear, start: int, diffusivity: float) -> DiagnosisProblem:

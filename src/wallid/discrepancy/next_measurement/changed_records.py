@@ -9,7 +9,9 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
+from ..._internal.units import DAY
 from ...experiment_design.campaign_plan.typical_case import day_of_year
 from ...inference.nuisance_kinds import SensorPositions
 from ...inference.parameters import kind_of, target_of
@@ -18,7 +20,8 @@ from ..effect_fit import EffectFit
 from ..model_with_effects import first_order_columns, linearise
 from ..problem import DiagnosisProblem, EffectParameters, diagnosis_problem
 from .candidate_records import CandidateRecord, with_profile_of
-from .changed_faces import HEATING_HOURS, HEATING_POWER, heated, in_season, shaded
+from .changed_faces import HEATING_HOURS, HEATING_POWER, heated, heating_start, in_season, shaded
+from .other_weather import SAME_WEATHER
 from .present_record import PresentRecord
 from .separation import Explanation
 
@@ -43,6 +46,11 @@ class ChangedRecord(CandidateRecord):
         linear = problem.is_linear(fit.active)
         predicted, slopes = linearise(problem.model, problem.bins, parameters, names, linear=linear)
         return replace(present, predicted=problem.binned(predicted), jacobian=slopes.T)
+
+    @cached_property
+    def whitening(self) -> np.ndarray:
+        """W of the readings by its own model: other faces have other errors between their rows."""
+        return self.own_whitening()
 
 
 class ShadedRecord(ChangedRecord):
@@ -73,6 +81,13 @@ class HeatedRecord(ChangedRecord):
     def problem(self) -> DiagnosisProblem:
         """The present record with a warmer inner face."""
         return heated(self.present.problem, self.present.diffusivity)
+
+    def blocks(self, readings: int) -> Int[np.ndarray, " reading"]:
+        """Those of the days; the heating and the day after it tell the same in any weather."""
+        record, bins = self.problem.record, readings // self.instruments
+        since = record.span * np.arange(bins) / bins - heating_start(record)
+        is_warm = (since >= 0.0) & (since < HEATING_HOURS * 3600.0 + DAY)
+        return np.where(np.tile(is_warm, self.instruments), SAME_WEATHER, super().blocks(readings))
 
 
 class SeasonRecord(ChangedRecord):
@@ -169,11 +184,6 @@ class SwappedRecord(ChangedRecord):
             prior_std=np.append(beside.prior_std[kept], np.inf),
             growth=None,  # the record has the length of the present one
         )
-
-    @cached_property
-    def whitening(self) -> np.ndarray:
-        """W of the exchanged readings."""
-        return self.own_whitening()
 
 
 def changed_records(present: PresentRecord, weather: WeatherYear | None) -> Iterator[CandidateRecord]:

@@ -8,15 +8,16 @@ from functools import cached_property
 
 import numpy as np
 
-from ..effect_fit import EffectFit
+from ..effect_fit import EffectFit, refit
 from ..problem import EffectParameters
 from ..result.findings import Findings
-from ..selection.acceptance import FIRST_EFFECT_LEVEL, RIVAL, penalised_cost
+from ..selection.acceptance import FIRST_EFFECT_LEVEL, RIVAL, penalised_cost, reason_for_refusal
 from ..selection.effect_results import NamedEffect
+from ..selection.score_test import same_effect_and_target
 from ..selection.stepwise_selection import added_effect
 from .candidate_records import CandidateRecord
 from .present_record import PresentRecord
-from .separation import Separation, separation
+from .separation import FitWithoutNoise, Separation, separation
 
 _FAR_BEHIND = 30.0  # of the penalised cost; a rival that far behind the best is no alternative of another record either
 
@@ -26,7 +27,8 @@ class ConfusableSet:
     """Effects that a record cannot distinguish, each with a fit of the record, and the other rivals.
 
     Args:
-        effects: the named effect and its alternatives.
+        effects: the named effect, its alternatives, and other forms of the named effect (placed, hourly). Forms of the
+            same effect on the same target are no rivals of each other.
         present: the record with the fits of each of these effects, of each further rival, and without any of them.
         chance_gain: the gain over the last fit that chance alone gives.
     """
@@ -34,6 +36,12 @@ class ConfusableSet:
     effects: tuple[EffectParameters, ...]
     present: PresentRecord = field(repr=False)
     chance_gain: float
+
+    @property
+    def distinct_effects(self) -> tuple[EffectParameters, ...]:
+        """One form of each effect, the named one first."""
+        by_name = {(one.effect.name, one.effect.target): one for one in reversed(self.effects)}
+        return tuple(one for one in self.effects if one in by_name.values())
 
     @cached_property
     def weights(self) -> np.ndarray:
@@ -54,19 +62,35 @@ class ConfusableSet:
 
         The others are those with a fit of the present record, then the further rivals of the candidate.
         """
-        explanations, further = candidate.whitened_explanations, candidate.whitened_further
-        return tuple(
-            separation(true, [*(one for one in explanations if one is not true), *further], candidate.length)
-            for true in explanations[: len(self.effects)]
+        blocks = candidate.blocks(len(candidate.whitening))
+        fits, further = (
+            [FitWithoutNoise(one, candidate.length, blocks) for one in explanations]
+            for explanations in (candidate.whitened_explanations, candidate.whitened_further)
         )
+        return tuple(
+            separation(fits[k], [*(fits[j] for j in self.rivals_of(k)), *further]) for k in range(len(self.effects))
+        )
+
+    def rivals_of(self, k: int) -> tuple[int, ...]:
+        """The fits of the present record that have another effect than the k-th, and last the one without any."""
+        *others, without = self.present.fits
+        added = (*self.effects, *(added_effect(fit, without) for fit in others[len(self.effects) :]))
+        differ = (j for j, one in enumerate(added) if not same_effect_and_target(one, self.effects[k]))
+        return (*differ, len(others))
 
     def probability(self, separations: Sequence[Separation]) -> float:
         """The probability that the true effect is named and has no alternative, over which of them is true."""
-        without = len(self.present.fits) - 2
-        criteria = np.full(len(separations[0].excess), RIVAL)
-        criteria[without] = self.chance_gain
-        each = [one.probability(criteria, std) for one, std in zip(separations, self.relative_stds, strict=True)]
+        each = [
+            one.probability(self._criteria(k, len(one.excess)), std)
+            for k, (one, std) in enumerate(zip(separations, self.relative_stds, strict=True))
+        ]
         return float(self.weights @ each)
+
+    def _criteria(self, k: int, rivals: int) -> np.ndarray:
+        """What each rival of the k-th effect must fall behind."""
+        criteria = np.full(rivals, RIVAL)
+        criteria[len(self.rivals_of(k)) - 1] = self.chance_gain
+        return criteria
 
 
 def confusable_sets(findings: Findings) -> Iterator[ConfusableSet]:
@@ -78,8 +102,10 @@ def confusable_sets(findings: Findings) -> Iterator[ConfusableSet]:
         alternatives = tuple(dict.fromkeys(effect for effect in named.alternatives if effect in best))
         limit = penalised_cost(findings.after) + _FAR_BEHIND
         further = [fit for effect, fit in best.items() if effect not in alternatives and penalised_cost(fit) < limit]
-        fits = (findings.after, *(best[effect] for effect in alternatives), *further, named.without)
-        yield ConfusableSet((own, *alternatives), PresentRecord(fits), findings.scores.threshold(FIRST_EFFECT_LEVEL))
+        forms = {one: fit for one, fit in _other_forms(findings, named).items() if penalised_cost(fit) < limit}
+        fits = (findings.after, *(best[effect] for effect in alternatives), *forms.values(), *further, named.without)
+        effects = (own, *alternatives, *forms)
+        yield ConfusableSet(effects, PresentRecord(fits), findings.scores.threshold(FIRST_EFFECT_LEVEL))
 
 
 def _best_by_effect(named: NamedEffect) -> dict[EffectParameters, EffectFit]:
@@ -88,3 +114,16 @@ def _best_by_effect(named: NamedEffect) -> dict[EffectParameters, EffectFit]:
     for fit in sorted(named.exchanged, key=penalised_cost):
         best.setdefault(added_effect(fit, named.without), fit)
     return best
+
+
+def _other_forms(findings: Findings, named: NamedEffect) -> dict[EffectParameters, EffectFit]:
+    """Fits of other forms of a named effect in its place, of those that the diagnosis tried."""
+    own, without, noise = named.effect_parameters, named.without, findings.after.noise
+    found: dict[EffectParameters, EffectFit] = {}
+    for trial in sorted(findings.trials, key=lambda trial: penalised_cost(trial.fit)):
+        added = [one for one in trial.fit.active if one not in without.active]
+        if len(added) == 1 and set(without.active) < set(trial.fit.active):
+            (form,) = added
+            if form is not own and form not in found and same_effect_and_target(form, own):
+                found[form] = refit(findings.problem, trial.fit.active, trial.fit.parameters, noise)
+    return {form: fit for form, fit in found.items() if not reason_for_refusal(fit)}

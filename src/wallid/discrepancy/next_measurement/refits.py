@@ -23,7 +23,8 @@ from ..selection.candidate_fits import CandidateFits
 from ..selection.score_test import CandidateScores
 from .candidate_records import CandidateRecord, LongerRecord
 from .confusable_sets import ConfusableSet
-from .separation import Separation
+from .other_weather import SAME_WEATHER, LeastSquaresInOtherWeather
+from .separation import Separation, mean_weather, ratio_of_excess
 
 _TRUE, _NEAREST = 3, 3  # effects that are taken as the true one, and rivals of each, for which refits are made
 _CLEAR_EXCESS = 60.0  # of a penalised cost: a rival that far behind is excluded whatever a refit says
@@ -44,7 +45,10 @@ def lengthened_separations(
     """The same for a longer record: the refits of a repeat, multiplied as the derivatives say."""
     repeat = confusable.separations(LongerRecord(longer.present, 1.0))
     return tuple(
-        many.with_excess(exact.excess * many.excess / np.maximum(once.excess, 1e-12))
+        many.with_excess(
+            exact.excess * many.excess / np.maximum(once.excess, 1e-12),
+            mean_weather(exact.weather, longer.length),
+        )
         for many, once, exact in zip(confusable.separations(longer), repeat, refitted_repeat, strict=True)
     )
 
@@ -55,12 +59,17 @@ def _refitted(confusable: ConfusableSet, candidate: CandidateRecord, k: int, der
     true = fits[k]
     covariance = problem.noise_shape(candidate.next_parameters(true)).covariance_like(fits[0].noise)
     refits = _RefitsWithoutNoise(candidate, CandidateFits(_with_readings_of(candidate, true)), covariance)
-    own, excess, rivals = refits.cost(true), np.array(derivative.excess), fits[:k] + fits[k + 1 :]
+    own, rivals = refits.best(true), [fits[j] for j in confusable.rivals_of(k)]
+    own_squares = refits.squared_residuals(own)
+    excess, weather = np.array(derivative.excess), np.array(derivative.weather)
     with_fit = (excess + derivative.penalties)[: len(rivals)]
     for j in np.argsort(with_fit)[:_NEAREST]:
         if excess[j] < _CLEAR_EXCESS:
-            excess[j] = max(refits.cost(rivals[j]) - own, 0.0)
-    return derivative.with_excess(excess)
+            rival = refits.best(rivals[j])
+            excess[j] = max(rival.cost - own.cost, 0.0)
+            in_draws = refits.squared_residuals(rival) - own_squares
+            weather[:, j] = ratio_of_excess(in_draws[:, None], excess[j, None])[:, 0]
+    return derivative.with_excess(excess, weather)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,11 +86,19 @@ class _RefitsWithoutNoise:
     fits: CandidateFits
     covariance: NoiseCovariance = field(repr=False)
 
-    def cost(self, fit: EffectFit) -> float:
-        """The lowest cost with the effects of a fit of the present record."""
+    def best(self, fit: EffectFit) -> EffectFit:
+        """The fit of the lowest cost with the effects of a fit of the present record."""
         from_present = self._refit(fit)
         best = [k for one in from_present.active if one in self._searched for k in self._scores.candidates_of(one)[:1]]
-        return min([from_present.cost, *(self.fits.add_candidates(self._scores, (k,)).cost for k in best)])
+        tried = [from_present, *(self.fits.add_candidates(self._scores, (k,)) for k in best)]
+        return min(tried, key=lambda one: one.cost)
+
+    def squared_residuals(self, fit: EffectFit) -> np.ndarray:
+        """The squared residual of a fit in each draw of the weather, linear about it, `(draw,)`."""
+        of_readings = self.candidate.blocks(len(fit.noise.whitening))
+        of_priors = np.full(len(fit.residual) - len(of_readings), SAME_WEATHER)
+        blocks = np.concatenate([of_readings, of_priors])
+        return LeastSquaresInOtherWeather(fit.jacobian, blocks).squared_residuals(fit.residual)
 
     def _refit(self, fit: EffectFit) -> EffectFit:
         """The fit with the same effects, from the parameters that they have in the present record."""

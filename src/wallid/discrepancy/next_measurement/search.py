@@ -73,8 +73,9 @@ def _for_confusable(
             action = replace(action, probability=confusable.probability(exact))
         actions.append(action)
     now = confusable.probability(exact_repeat)
-    labels = tuple(present.problem.label(one.effect) for one in confusable.effects)
-    return _prescription(confusable.effects, labels, now, actions, _kinds(tried), _sensor_curve(tried))
+    effects = confusable.distinct_effects
+    labels = tuple(present.problem.label(one.effect) for one in effects)
+    return _prescription(effects, labels, now, actions, _kinds(tried), _sensor_curve(tried))
 
 
 def _for_uninformative(findings: Findings, efforts: Mapping[str, float], weather: WeatherYear | None) -> Prescription:

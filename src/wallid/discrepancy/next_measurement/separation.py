@@ -13,7 +13,7 @@ where `Delta_ij` exceeds the criterion of every rival j. For one rival with `d^2
 
 A record of n times the length has the readings n times with the same parameters, and what grows with time, such as a
 drift, goes on growing. The true size differs from the fitted one by its uncertainty; a size of s times the fitted one
-has s times the residual.
+has s times the residual. The weather differs from that of the present record, and with it the excess (`other_weather`).
 
 Source: A. C. Atkinson, V. V. Fedorov, Biometrika 62 (1975), 57 (designs that discriminate between two models).
 """
@@ -26,9 +26,12 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+
+from .other_weather import SAME_WEATHER, LeastSquaresInOtherWeather
 
 _DRAWS = 4000
+_MOST_RATIO = 20.0  # of an excess in other weather: where it is nearly nothing, the ratio says nothing
 
 
 class Growth(NamedTuple):
@@ -75,29 +78,16 @@ class Explanation:
         predicted, jacobian = function(self.predicted), function(self.jacobian.T).T
         return replace(self, predicted=predicted, jacobian=jacobian, growth=growth)
 
-    def residual(self, true: Explanation, length: float) -> Float[np.ndarray, " row"]:
-        """The residual of the best fit to the readings of a true explanation, with the prior residuals below.
-
-        Args:
-            true: whose readings are fitted, without noise. Both are whitened.
-            length: of the record, in lengths of that of the readings.
-        """
-        misfits = [root * (true.predicted_in(k) - self.predicted_in(k)) for k, root in _parts(length)]
-        misfit = np.concatenate([*misfits, -self.values / self.prior_std])
-        slopes, _ = self._scaled_slopes(length)
-        return misfit - slopes @ np.linalg.lstsq(slopes, misfit, rcond=1e-10)[0]
-
     def std(self, param: int, length: float) -> float:
         """The expected standard error of a parameter, by its index, from whitened readings; `length` as before."""
-        slopes, size = self._scaled_slopes(length)
-        return float(np.linalg.norm(np.linalg.pinv(slopes, rcond=1e-10)[param]) / size[param])
-
-    def _scaled_slopes(self, length: float) -> tuple[np.ndarray, np.ndarray]:
-        """The derivatives in a record of a length with the rows of the priors below, of norm 1, and their norms."""
-        parts = [root * self.jacobian_in(k) for k, root in _parts(length)]
-        slopes = np.concatenate([*parts, np.diag(1.0 / self.prior_std)])
+        slopes = self.slopes(length)
         size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
-        return slopes / size, size
+        return float(np.linalg.norm(np.linalg.pinv(slopes / size, rcond=1e-10)[param]) / size[param])
+
+    def slopes(self, length: float) -> Float[np.ndarray, "row param"]:
+        """The derivatives in a record of a length, with the rows of the priors below."""
+        parts = [root * self.jacobian_in(k) for k, root in _parts(length)]
+        return np.concatenate([*parts, np.diag(1.0 / self.prior_std)])
 
     def predicted_in(self, k: int) -> Float[np.ndarray, " reading"]:
         """The readings in the length k of a longer record."""
@@ -113,6 +103,42 @@ def _parts(length: float) -> Iterator[tuple[int, float]]:
     return ((k, math.sqrt(min(length - k, 1.0))) for k in range(math.ceil(length)))
 
 
+class FitWithoutNoise:
+    """The best fits of one explanation to readings without noise that others predict for the next record.
+
+    Args:
+        explanation: whitened.
+        length: of the record, in lengths of that of the readings.
+        blocks: of days, to which each reading belongs (`blocks_of_days`); None for the present weather only.
+    """
+
+    def __init__(self, explanation: Explanation, length: float, blocks: Int[np.ndarray, " reading"] | None = None):
+        self.explanation, self.length = explanation, length
+        blocks = np.full(len(explanation.predicted), SAME_WEATHER) if blocks is None else blocks
+        of_priors = np.full(len(explanation.values), SAME_WEATHER)
+        of_rows = np.concatenate([*(blocks for _ in _parts(length)), of_priors])
+        self._problem = LeastSquaresInOtherWeather(explanation.slopes(length), of_rows)
+
+    @property
+    def readings(self) -> int:
+        """The number of readings; the rows of the priors follow them."""
+        return len(self.explanation.predicted) * math.ceil(self.length)
+
+    def residual(self, true: Explanation) -> Float[np.ndarray, " row"]:
+        """The residual of the best fit to the readings of a true explanation, with the prior residuals below."""
+        return self._problem.residual(self._misfit(true))
+
+    def squared_residuals(self, true: Explanation) -> Float[np.ndarray, " draw"]:
+        """The squared residual in each draw of the weather, the same in each length of the record."""
+        return self._problem.squared_residuals(self._misfit(true))
+
+    def _misfit(self, true: Explanation) -> Float[np.ndarray, " row"]:
+        """The readings of a true explanation minus those of this one before the fit, with the priors below."""
+        own = self.explanation
+        parts = [root * (true.predicted_in(k) - own.predicted_in(k)) for k, root in _parts(self.length)]
+        return np.concatenate([*parts, -own.values / own.prior_std])
+
+
 @dataclass(frozen=True, eq=False)
 class Separation:
     """How the rivals of a true explanation fall behind it.
@@ -121,14 +147,16 @@ class Separation:
         excess: expected excess of each rival's penalised cost at the fitted size, without the penalties, `(rival,)`.
         inner: inner products of the residuals' differences, which give the covariance of the excess, `(rival, rival)`.
         penalties: of each rival minus that of the true one, `(rival,)`.
+        weather: the excess in other weather over that in the present weather, `(draw, rival)`.
     """
 
     excess: np.ndarray
     inner: np.ndarray
     penalties: np.ndarray
+    weather: np.ndarray
 
-    def with_excess(self, excess: Float[np.ndarray, " rival"]) -> Separation:
-        """The same directions of the residuals with other squared distances.
+    def with_excess(self, excess: Float[np.ndarray, " rival"], weather: Float[np.ndarray, "draw rival"]) -> Separation:
+        """The same directions of the residuals with other squared distances, and their ratios in other weather.
 
         A rival whose expected excess is not positive has the length of its own direction as the distance so far; one
         without a direction keeps none.
@@ -136,7 +164,7 @@ class Separation:
         distance = np.where(self.excess > 0.0, self.excess, np.diag(self.inner))
         has_direction = np.diag(self.inner) > 0.0
         factor = np.sqrt(np.maximum(excess, 0.0) / np.where(has_direction, distance, 1.0))
-        return Separation(excess, self.inner * np.outer(factor, factor), self.penalties)
+        return replace(self, excess=excess, inner=self.inner * np.outer(factor, factor), weather=weather)
 
     def probability(self, criteria: Float[np.ndarray, " rival"], relative_std: float) -> float:
         """The probability that the excess of every rival is over its criterion.
@@ -153,22 +181,37 @@ class Separation:
         noise = random.standard_normal((_DRAWS // 2, len(value))) @ root.T
         sizes = 1.0 + relative_std * random.standard_normal((_DRAWS // 2, 1))
         sizes, noise = np.concatenate([sizes, sizes]), np.concatenate([noise, -noise])
-        excess = sizes**2 * self.excess + 2.0 * sizes * noise + self.penalties
+        weather = np.resize(self.weather, noise.shape)  # one draw of the weather after the other
+        excess = sizes**2 * weather * self.excess + 2.0 * sizes * np.sqrt(weather) * noise + self.penalties
         return float(np.mean(np.all(excess > criteria, axis=1)))
 
 
-def separation(true: Explanation, rivals: Sequence[Explanation], length: float) -> Separation:
+def separation(true: FitWithoutNoise, rivals: Sequence[FitWithoutNoise]) -> Separation:
     """How rivals fall behind a true explanation.
 
     Args:
-        true: the true explanation, whitened.
-        rivals: the others, whitened.
-        length: of the record, in lengths of that of the predictions.
+        true: the fit of the true explanation.
+        rivals: those of the others, to the same record.
     """
-    own = true.residual(true, length)
-    rests = [rival.residual(true, length) for rival in rivals]
+    own, own_squares = true.residual(true.explanation), true.squared_residuals(true.explanation)
+    rests = [rival.residual(true.explanation) for rival in rivals]
     excess = np.array([rest @ rest - own @ own for rest in rests])
-    readings = len(true.predicted) * math.ceil(length)
-    differences = np.array([rest[:readings] - own[:readings] for rest in rests]).reshape(len(rests), readings)
-    penalties = np.array([rival.penalty - true.penalty for rival in rivals])
-    return Separation(excess, differences @ differences.T, penalties)
+    differences = np.array([rest[: true.readings] - own[: true.readings] for rest in rests])
+    differences = differences.reshape(len(rivals), true.readings)
+    penalties = np.array([rival.explanation.penalty - true.explanation.penalty for rival in rivals])
+    in_draws = np.array([rival.squared_residuals(true.explanation) - own_squares for rival in rivals])
+    weather = ratio_of_excess(in_draws.reshape(len(rivals), len(own_squares)).T, excess)
+    return Separation(excess, differences @ differences.T, penalties, mean_weather(weather, true.length))
+
+
+def ratio_of_excess(
+    in_draws: Float[np.ndarray, "draw rival"], excess: Float[np.ndarray, " rival"]
+) -> Float[np.ndarray, "draw rival"]:
+    """The excess in each draw of the weather over that in the present weather; 1 where that is nothing."""
+    ratio = in_draws / np.where(excess > 0.0, excess, np.inf)
+    return np.where(excess > 0.0, np.clip(ratio, 0.0, _MOST_RATIO), 1.0)
+
+
+def mean_weather(ratio: Float[np.ndarray, "draw rival"], length: float) -> Float[np.ndarray, "draw rival"]:
+    """The ratio in a record of some lengths, each of which has weather of its own: it varies less by the root of it."""
+    return np.maximum(1.0 + (ratio - 1.0) / math.sqrt(length), 0.0)

@@ -89,10 +89,11 @@ def _chance(scores: CandidateScores, effect: EffectParameters) -> float:
     inner = scores.cosine[np.ix_(rivals, rivals)] * np.outer(cosine, cosine)
     inner = 1.0 - cosine[:, None] ** 2 - cosine[None, :] ** 2 + inner
     inner = np.block([[inner, (1.0 - cosine**2)[:, None]], [(1.0 - cosine**2)[None, :], np.ones((1, 1))]])
-    once = Separation(squared * np.append(1.0 - cosine**2, 1.0), squared * inner, np.zeros(len(rivals) + 1))
+    penalties, weather = np.zeros(len(rivals) + 1), np.ones((1, len(rivals) + 1))
+    once = Separation(squared * np.append(1.0 - cosine**2, 1.0), squared * inner, penalties, weather)
     level = FURTHER_EFFECT_LEVEL if scores.base.active else FIRST_EFFECT_LEVEL
     criteria = np.append(np.full(len(rivals), RIVAL), scores.threshold(level))
-    return float(np.mean([once.with_excess(f**2 * once.excess).probability(criteria, 0.0) for f in _FACTORS]))
+    return float(np.mean([once.with_excess(f**2 * once.excess, weather).probability(criteria, 0.0) for f in _FACTORS]))
 
 
 def typical_courses(record: Record, outside: int) -> dict[str, np.ndarray]:
