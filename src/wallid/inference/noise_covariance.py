@@ -71,7 +71,7 @@ class BinnedReadings(eqx.Module):
         """The number of readings in each bin."""
         return self._sum(self.present)
 
-    def as_long_as_of(self, readings: int, spacing: int) -> BinnedReadings:
+    def in_bins_for(self, readings: int, spacing: int) -> BinnedReadings:
         """The same readings in bins as long as those of more readings: a whole number of present bins.
 
         Args:

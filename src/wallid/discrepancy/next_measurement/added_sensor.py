@@ -73,7 +73,7 @@ def added_sensors(present: PresentRecord, positions: Sequence[float]) -> Iterato
         for slot, position in enumerate(some):
             sensor = another_sensor(problem, position)
             finer = _with_readings_of_last(problem.bins, slot)
-            bins = finer.as_long_as_of(finer.present.size, problem.spacing)
+            bins = finer.in_bins_for(finer.present.size, problem.spacing)
             average = bins.in_coarser_bins(finer)
             extended = tuple(
                 prediction.extend(one, sensor, slot).mapped(average)

@@ -129,7 +129,7 @@ class LongerRecord(CandidateRecord):
     def _bins(self) -> BinnedReadings:
         """The bins of the present readings, as long as those of the longer record."""
         bins, spacing = self.present.problem.bins, self.present.problem.spacing
-        return bins.as_long_as_of(round(self.length * bins.present.size), spacing)
+        return bins.in_bins_for(round(self.length * bins.present.size), spacing)
 
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
