@@ -10,6 +10,7 @@ from benchmarks.reference.example_cases import saint_julien_case, validation_cas
 from benchmarks.reference.make_examples import slab_response
 
 import wallid
+from wallid.inference.gls_fit import GLSFit
 from wallid.inference.weighted_least_squares import fit_weighted_least_squares
 
 TRUTH = 5.21e-7
@@ -222,6 +223,16 @@ def test_a_reduced_model_that_is_too_coarse_says_so(case, reduced, large):
     fine = wallid.estimate(case, None, reduced)
     assert fine.reliable and abs(fine.model_shift) < 0.1 * fine.std / fine.value
     assert right.model_shift == 0.0
+
+
+def test_an_estimate_that_has_not_settled_says_so(case, reduced, monkeypatch):
+    """As if the last round had changed it by 0.7 standard errors."""
+    settled = wallid.estimate(case, None, reduced)
+    assert not any("rounds" in text for text in settled.advice)
+    monkeypatch.setattr(GLSFit, "change", 0.7 * settled.std / settled.value)
+    (advice,) = wallid.estimate(case, None, reduced).advice
+    assert advice.startswith("the last of 4 rounds with the noise found still changed the diffusivity by 0.7 standard")
+    assert "take a longer window" in advice
 
 
 def test_a_record_without_signal_is_uninformative(case, large):

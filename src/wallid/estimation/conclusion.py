@@ -27,6 +27,7 @@ from ..inference.validity import (
     FAR_LARGER,
     noise_advice,
     noise_ratio,
+    settling_advice,
     why_contradicted,
     why_noisier,
     why_not_constant,
@@ -213,7 +214,9 @@ def estimate_from_gls(initial: InitialFit, best_fit: GLSFit, other_minima: list[
         disturbance=best_fit.disturbance,
         sensor_places=sensor_places(case, best_fit) if not reason else {},
         noise_rms=tuple(best_fit.noise_shape.stated_rms_of_outputs().tolist()),
-        advice=tuple(text for text in (noise_advice(case, best_fit), _doubt(case, value)) if text),
+        advice=tuple(
+            text for text in (settling_advice(best_fit), noise_advice(case, best_fit), _doubt(case, value)) if text
+        ),
         variance_shares=best_fit.variance_shares() if not reason else {},
         predicted=np.asarray(best.predicted),
         residual=np.where(initial.present, np.asarray(initial.data.observed) - np.asarray(best.predicted), np.nan),

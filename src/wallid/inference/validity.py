@@ -21,6 +21,7 @@ _CONSTANCY_LEVEL = 0.01  # significance level of the test of a constant diffusiv
 FAR_LARGER = 3.0
 """Noise found over noise stated, from which on the model is wrong, whatever else is found."""
 _LARGER, _SMALLER = 1.4, 0.5  # noise found over noise stated; with true ones it is 0.7 to 1.3
+_SETTLED = 0.5  # standard errors that the last round may change the diffusivity by
 _REMEMBERED = 0.3  # share of autocorrelated noise in the variance, from which an excess is no noise of a sensor
 
 
@@ -205,6 +206,16 @@ def why_noisier(case: Case, fit: GLSFit) -> str:
     return (
         f"the residual is {ratio:.2g} times the stated noise{remembered}: an effect is missing from the model, or the "
         f"stated noise_std is too small; {what_to_do(case)}"
+    )
+
+
+def settling_advice(fit: GLSFit) -> str:
+    """That the last round still changed the diffusivity much; an empty string where it did not."""
+    if not fit.finite or fit.change <= _SETTLED * fit.log_std:
+        return ""
+    return (
+        f"the last of {fit.iterations} rounds with the noise found still changed the diffusivity by "
+        f"{fit.change / fit.log_std:.2g} standard errors: take a longer window, which determines the noise better"
     )
 
 
