@@ -49,7 +49,7 @@ def test_threads_come_back_after_an_error():
         assert threads() == before
 
 
-@pytest.mark.parametrize("name", ["estimate", "campaign", "forecast", "diagnose", "plan"])
+@pytest.mark.parametrize("name", ["estimate", "campaign", "forecast", "diagnose", "plan", "design", "place_sensors"])
 def test_stages_keep_their_signature_and_docstring(name):
     stage = getattr(wallid, name)
     assert "args" not in inspect.signature(stage).parameters and stage.__doc__

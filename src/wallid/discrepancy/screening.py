@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._internal.blas_threads import one_blas_thread
 from .._internal.number_formats import p_value_text, value_and_std
 from .._internal.result_object import ResultObject, plain_value
 from ..case.case_definition import Case
@@ -82,6 +83,7 @@ class Screening(ResultObject):
         return self.missing or "The entire record shows no missing effect"
 
 
+@one_blas_thread
 def screen(case: Case) -> Screening:
     """Test whether the plain model explains the entire record of a case.
 

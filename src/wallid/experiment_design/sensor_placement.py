@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._internal.blas_threads import one_blas_thread
 from .._internal.errors import InputError
 from .._internal.html import html_table
 from .._internal.progress import Progress, shown_progress
@@ -194,6 +195,7 @@ def _ordinal(index: int) -> str:
     return _ORDINALS[index] if index < len(_ORDINALS) else f"{index + 1}th"
 
 
+@one_blas_thread
 def place_sensors(
     case: Case,
     window: Window | HasBestWindow | None = None,

@@ -24,6 +24,7 @@ import numpy as np
 from jax.sharding import Mesh
 
 from .._internal.arrays import on_device
+from .._internal.blas_threads import one_blas_thread
 from .._internal.errors import InputError
 from .._internal.html import html_table
 from .._internal.progress import Progress, shown_progress
@@ -223,6 +224,7 @@ class Design(ResultObject):
         return html_table(f"Best window: {self.labels[0]} to {self.labels[1]}", rows)
 
 
+@one_blas_thread
 def design(
     case: Case,
     *,
