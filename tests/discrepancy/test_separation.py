@@ -6,6 +6,7 @@ import scipy
 from hypothesis import given
 from hypothesis import strategies as st
 
+from wallid.discrepancy.next_measurement.other_weather import SAME_WEATHER
 from wallid.discrepancy.next_measurement.separation import (
     Explanation,
     FitWithoutNoise,
@@ -30,7 +31,8 @@ def explanations(seed=0, count=3):
     return made
 
 
-def separated(true, rivals, length=1.0, blocks=None):
+def separated(true, rivals, length=1.0):
+    blocks = np.full(len(true.predicted), SAME_WEATHER)
     own, *others = (FitWithoutNoise(one, length, blocks) for one in (true, *rivals))
     return separation(own, others)
 

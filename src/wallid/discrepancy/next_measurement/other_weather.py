@@ -56,15 +56,16 @@ class LeastSquaresInOtherWeather:
     """A linear least-squares problem whose rows have the weights of their blocks of days.
 
     Args:
-        slopes: derivative of the whitened readings by each parameter, with the rows of the priors, `(row, param)`.
-        blocks: of each row, `SAME_WEATHER` for the priors, `(row,)`.
+        slopes: derivative of the whitened readings by each parameter, with the rows of the priors below,
+            `(row, param)`.
+        blocks: of each reading; the priors are the same in any weather, `(reading,)`.
     """
 
-    def __init__(self, slopes: Float[np.ndarray, "row param"], blocks: Int[np.ndarray, " row"]):
+    def __init__(self, slopes: Float[np.ndarray, "row param"], blocks: Int[np.ndarray, " reading"]):
         size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
         left, value, _ = np.linalg.svd(slopes / size, full_matrices=False)
         self._basis = left[:, value > _RCOND * value.max(initial=0.0)]
-        self._blocks = blocks
+        self._blocks = np.pad(blocks, (0, len(slopes) - len(blocks)), constant_values=SAME_WEATHER)
 
     def residual(self, misfit: Float[np.ndarray, " row"]) -> Float[np.ndarray, " row"]:
         """The residual of the best fit to a misfit in the present weather."""

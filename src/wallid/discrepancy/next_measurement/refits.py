@@ -23,7 +23,7 @@ from ..selection.candidate_fits import CandidateFits
 from ..selection.score_test import CandidateScores
 from .candidate_records import CandidateRecord, LongerRecord
 from .confusable_sets import ConfusableSet
-from .other_weather import SAME_WEATHER, LeastSquaresInOtherWeather
+from .other_weather import LeastSquaresInOtherWeather
 from .separation import Separation, mean_weather, ratio_of_excess
 
 _TRUE, _NEAREST = 3, 3  # effects that are taken as the true one, and rivals of each, for which refits are made
@@ -95,9 +95,7 @@ class _RefitsWithoutNoise:
 
     def squared_residuals(self, fit: EffectFit) -> np.ndarray:
         """The squared residual of a fit in each draw of the weather, linear about it, `(draw,)`."""
-        of_readings = self.candidate.blocks(len(fit.noise.whitening))
-        of_priors = np.full(len(fit.residual) - len(of_readings), SAME_WEATHER)
-        blocks = np.concatenate([of_readings, of_priors])
+        blocks = self.candidate.blocks(len(fit.noise.whitening))
         return LeastSquaresInOtherWeather(fit.jacobian, blocks).squared_residuals(fit.residual)
 
     def _refit(self, fit: EffectFit) -> EffectFit:

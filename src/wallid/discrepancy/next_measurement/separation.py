@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from .other_weather import SAME_WEATHER, LeastSquaresInOtherWeather
+from .other_weather import LeastSquaresInOtherWeather
 
 _DRAWS = 4000
 _MOST_RATIO = 20.0  # of an excess in other weather: where it is nearly nothing, the ratio says nothing
@@ -109,34 +109,27 @@ class FitWithoutNoise:
     Args:
         explanation: whitened.
         length: of the record, in lengths of that of the readings.
-        blocks: of days, to which each reading belongs (`blocks_of_days`); None for the present weather only.
+        blocks: of days, to which each reading belongs (`blocks_of_days`), the same in each length.
     """
 
-    def __init__(self, explanation: Explanation, length: float, blocks: Int[np.ndarray, " reading"] | None = None):
+    def __init__(self, explanation: Explanation, length: float, blocks: Int[np.ndarray, " reading"]):
         self.explanation, self.length = explanation, length
-        blocks = np.full(len(explanation.predicted), SAME_WEATHER) if blocks is None else blocks
-        of_priors = np.full(len(explanation.values), SAME_WEATHER)
-        of_rows = np.concatenate([*(blocks for _ in _parts(length)), of_priors])
-        self._problem = LeastSquaresInOtherWeather(explanation.slopes(length), of_rows)
+        self._problem = LeastSquaresInOtherWeather(explanation.slopes(length), np.tile(blocks, math.ceil(length)))
 
     @property
     def readings(self) -> int:
         """The number of readings; the rows of the priors follow them."""
         return len(self.explanation.predicted) * math.ceil(self.length)
 
-    def residual(self, true: Explanation) -> Float[np.ndarray, " row"]:
-        """The residual of the best fit to the readings of a true explanation, with the prior residuals below."""
-        return self._problem.residual(self._misfit(true))
+    def residuals(self, true: Explanation) -> tuple[Float[np.ndarray, " row"], Float[np.ndarray, " draw"]]:
+        """The residual of the best fit to the readings of a true explanation, with the prior residuals below.
 
-    def squared_residuals(self, true: Explanation) -> Float[np.ndarray, " draw"]:
-        """The squared residual in each draw of the weather, the same in each length of the record."""
-        return self._problem.squared_residuals(self._misfit(true))
-
-    def _misfit(self, true: Explanation) -> Float[np.ndarray, " row"]:
-        """The readings of a true explanation minus those of this one before the fit, with the priors below."""
+        Also its square in each draw of the weather, which is the same in each length of the record.
+        """
         own = self.explanation
         parts = [root * (true.predicted_in(k) - own.predicted_in(k)) for k, root in _parts(self.length)]
-        return np.concatenate([*parts, -own.values / own.prior_std])
+        misfit = np.concatenate([*parts, -own.values / own.prior_std])
+        return self._problem.residual(misfit), self._problem.squared_residuals(misfit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,13 +186,14 @@ def separation(true: FitWithoutNoise, rivals: Sequence[FitWithoutNoise]) -> Sepa
         true: the fit of the true explanation.
         rivals: those of the others, to the same record.
     """
-    own, own_squares = true.residual(true.explanation), true.squared_residuals(true.explanation)
-    rests = [rival.residual(true.explanation) for rival in rivals]
+    own, own_squares = true.residuals(true.explanation)
+    of_rivals = [rival.residuals(true.explanation) for rival in rivals]
+    rests = [rest for rest, _ in of_rivals]
     excess = np.array([rest @ rest - own @ own for rest in rests])
     differences = np.array([rest[: true.readings] - own[: true.readings] for rest in rests])
     differences = differences.reshape(len(rivals), true.readings)
     penalties = np.array([rival.explanation.penalty - true.explanation.penalty for rival in rivals])
-    in_draws = np.array([rival.squared_residuals(true.explanation) - own_squares for rival in rivals])
+    in_draws = np.array([squares - own_squares for _, squares in of_rivals])
     weather = ratio_of_excess(in_draws.reshape(len(rivals), len(own_squares)).T, excess)
     return Separation(excess, differences @ differences.T, penalties, mean_weather(weather, true.length))
 
