@@ -40,12 +40,13 @@ SEED = 2801  # fixed before the first record was estimated
 
 @dataclass(frozen=True)
 class Kind:
-    """Records of one kind: what is logged, where heat enters, its memory in hours; drawn from a seed."""
+    """Records of one kind: what is logged, where heat enters, its memory in hours; their seed, the faces' noise."""
 
     logged: str
     heat: str
     memory: float
     seed: int = SEED
+    face_std: float = FACE_STD
 
     @property
     def rows(self) -> int:
@@ -93,7 +94,7 @@ def simulated(kind: Kind, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
     through = (CONDUCTIVITY / LENGTH * (fluxes(faces, FINE, rate) + more))[rows]
     gains = 1.0 + GAIN_STD * rng.standard_normal(2)
     return (
-        faces[rows] + FACE_STD * rng.standard_normal((kind.rows, 2)),
+        faces[rows] + kind.face_std * rng.standard_normal((kind.rows, 2)),
         inside + SENSOR_STD * rng.standard_normal(inside.shape),
         gains * through + FLUX_STD * rng.standard_normal(through.shape),
     )
@@ -102,9 +103,10 @@ def simulated(kind: Kind, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
 def case_of(kind: Kind, number: int, **choices: Any) -> Any:
     """One record as a case, with some `[choices]`."""
     faces, inside, through = simulated(kind, number)
+    step, face_std = STEP[kind.logged], kind.face_std
     if kind.logged == "plates":
-        return slab_case(STEP[kind.logged], faces, None, through, initial_profile=1, model="lom", **choices)
-    return slab_case(STEP[kind.logged], faces, inside, None, initial_profile=2, model="lom", **choices)
+        return slab_case(step, faces, None, through, face_std=face_std, initial_profile=1, model="lom", **choices)
+    return slab_case(step, faces, inside, None, face_std=face_std, initial_profile=2, model="lom", **choices)
 
 
 def slab_case(
@@ -113,6 +115,7 @@ def slab_case(
     inside: np.ndarray | None,
     through: np.ndarray | None,
     gain_std: float = GAIN_STD,
+    face_std: float = FACE_STD,
     **choices: Any,
 ) -> Any:
     """Readings of the slab as a case, with some `[choices]`.
@@ -122,6 +125,7 @@ def slab_case(
         inside: of the sensors, degC, `(time, 2)`; None without them.
         through: of the plates, W/m2, `(time, 2)`; None without them.
         gain_std: stated standard deviation of the plates' calibrations.
+        face_std: the same of the faces' readings, K.
     """
     import wallid
     from wallid.case.options import Choices
@@ -131,7 +135,7 @@ def slab_case(
     record = wallid.Record(
         time, time, None, faces, np.empty((len(faces), 0)) if inside is None else inside, names,
         regressors={} if through is None else {"flux_left": through[:, 0], "flux_right": through[:, 1]},
-        boundary_noise_std=FACE_STD, flux_noise_std=FLUX_STD, flux_gain_std=gain_std,
+        boundary_noise_std=face_std, flux_noise_std=FLUX_STD, flux_gain_std=gain_std,
     )  # fmt: skip
     sensors = tuple(wallid.Sensor(n, LENGTH * x, noise_std=SENSOR_STD) for n, x in zip(names, PLACES, strict=False))
     wall = wallid.Wall(length=LENGTH, diffusivity_prior=7e-7, outside="right")
@@ -215,9 +219,10 @@ def main() -> None:
     parser.add_argument("--options", nargs="*", default=list(OPTIONS))
     parser.add_argument("--heats", nargs="*", default=list(HEATS))
     parser.add_argument("--seed", type=int, default=SEED, help="of a repeat, with a log of its own")
+    parser.add_argument("--face-std", type=float, default=FACE_STD, help="noise of the faces, K, with a log of its own")
     arguments = parser.parse_args()
     kinds = [
-        Kind(*one, arguments.seed)
+        Kind(*one, arguments.seed, arguments.face_std)
         for one in product(arguments.logged, arguments.heats, MEMORIES)
         if one[1] != "nothing" or one[2] == MEMORIES[0]
     ]

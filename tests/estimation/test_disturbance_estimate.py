@@ -104,9 +104,10 @@ def test_the_first_search_does_not_lead_to_heat_of_another_depth():
     fit = full_order_fit(case, rows_used=half)
     assert fit.disturbance.place == "right" and fit.disturbance.profile.depth < 0.2
     assert abs(np.log(fit.diffusivity / DIFFUSIVITY)) < 3 * fit.log_std
-    # where an earlier search has left heat, the same is found; nothing where it has left none
+    # where an earlier search has left heat, one of its probable depths is found; nothing where it has left none
     again = full_order_fit(case, rows_used=half, heat_among=fit.disturbance.probable)
-    assert again.disturbance.place == "right" and abs(again.log_alpha - fit.log_alpha) < 0.1 * fit.log_std
+    assert again.disturbance.profile in {one.profile for one in fit.disturbance.probable}
+    assert again.disturbance.place == "right" and abs(again.log_alpha - fit.log_alpha) < fit.log_std
     assert again.log_std == pytest.approx(fit.log_std, rel=0.05)
     assert full_order_fit(case, rows_used=half, heat_among=()).disturbance is None
 
@@ -124,12 +125,23 @@ def test_further_searches_of_everything_change_nothing(monkeypatch):
     assert further.log_std == pytest.approx(fit.log_std, rel=0.05)
 
 
-def test_heat_behind_a_face_is_not_taken_for_a_contact_resistance():
-    """The score of a resistance is significant by chance; with one, other heat explains the record about as well."""
+def test_heat_behind_a_face_is_not_taken_for_a_contact_resistance(monkeypatch):
+    """Also where the score of a resistance is taken for significant: other heat explains the record about as well."""
     case = disturbance.case_of(Kind("plates", "face", 3.0, 2813), 30, disturbance="auto")
     kinds = [kind for kind in NUISANCE_KINDS if not isinstance(kind, ContactResistances)]
-    assert max(contact_scores(case, full_order_fit(case, kinds=kinds)).values()) > SIGNIFICANT
+    scores = contact_scores(case, full_order_fit(case, kinds=kinds))
+    assert 2.0 < max(scores.values()) < SIGNIFICANT
+    monkeypatch.setattr(gls, "SIGNIFICANT", 2.0)
     fit = full_order_fit(case)
+    assert not fit.parameters.of_kind(ContactResistances.kind)
+    assert abs(np.log(fit.diffusivity / DIFFUSIVITY)) < 2 * fit.log_std
+
+
+@pytest.mark.parametrize("number", [23, 44])
+def test_noise_of_the_faces_is_not_taken_for_a_contact_resistance(number):
+    """Faces with 0.06 K, of which a part passed for gusts that never reach the plates: errors of 7 standard errors."""
+    noisy = Kind("plates", "face", 3.0, 2815, face_std=0.06)
+    fit = full_order_fit(disturbance.case_of(noisy, number, disturbance="auto"))
     assert not fit.parameters.of_kind(ContactResistances.kind)
     assert abs(np.log(fit.diffusivity / DIFFUSIVITY)) < 2 * fit.log_std
 

@@ -534,7 +534,7 @@ def test_noise_of_the_faces_with_a_memory_reaches_the_plates():
     noise = FACE * lfilter([np.sqrt(1.0 - rho**2)], [1.0, -rho], rng.standard_normal((100 * ROWS, 2)), axis=0)
     left = np.stack([
         np.convolve(one, weights, mode="same")
-        for one, weights in zip(noise.T, case.record.face_errors.filter_weights, strict=True)
+        for one, weights in zip(noise.T, case.record.face_filter.weights, strict=True)
     ], axis=1)  # fmt: skip
     through = CONDUCTIVITY / LENGTH * fluxes(left, STEP, DIFFUSIVITY / LENGTH**2)[ROWS:]
     found = np.sqrt(shape.face_variance(0.0, 1.0, rho))
@@ -618,7 +618,7 @@ def result_of(*words):
 
 def noise_of_plate_and_faces(plate):
     """The stated noise of a plate, with the error of the filtered faces through the sine series, root mean square."""
-    noise, rng = case_of().record.face_errors.filtered_noise, np.random.default_rng(5)
+    noise, rng = case_of().record.face_filter.noise, np.random.default_rng(5)
     faces = np.zeros((20 * ROWS, 2))
     for side, lags in enumerate(noise.limited(1.0, 0.0, 0.0)):
         assert lags[0] < FACE**2, "what is left of a face's noise"

@@ -22,7 +22,7 @@ from scipy.stats import multivariate_normal
 import wallid
 from wallid.inference.gains_by_heat import gains_by_heat
 from wallid.inference.noise_covariance import BinnedReadings, NoiseCovariance, NoiseShape
-from wallid.records.face_variation import FaceNoise
+from wallid.records.face_filter import FaceNoise
 
 BINS = 9
 

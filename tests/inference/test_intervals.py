@@ -29,7 +29,8 @@ from wallid.inference.whittle_likelihood import dct_spectrum, edge_spectrum
 from wallid.models.finite_volume_wall import Output, finite_volume_model
 from wallid.models.sensitivity_equations import simulate_window
 from wallid.models.window_inputs import window_data
-from wallid.records.face_variation import FaceErrors, FaceNoise
+from wallid.records.face_filter import FaceNoise
+from wallid.records.face_variation import FaceErrors
 from wallid.records.uniform_record import Record
 
 STATED = {"noise": "stated"}

@@ -16,7 +16,7 @@ from studies import SPEC, parameters_at, prepare
 from wallid.discrepancy.model_with_effects import BinnedReadings, predict
 from wallid.inference.noise_covariance import NoiseCovariance, NoiseShape, covariance_of_filtered
 from wallid.inference.whittle_likelihood import estimate_noise, expected_widening, projected_sensitivity
-from wallid.records.face_variation import FaceNoise
+from wallid.records.face_filter import FaceNoise
 
 HOURLY = replace(
     SPEC, step=3600.0, days=12.0, positions=(0.04, 0.13), noise_std=0.05, boundary_noise_std=0.08, noise_seed=3

@@ -7,7 +7,8 @@ from benchmarks.reference.simulator_with_effects import noise_course
 
 from wallid.inference.noise_covariance import BinnedReadings, NoiseShape
 from wallid.inference.noise_memory import memory_of_noise
-from wallid.records.face_variation import WHITE, FaceNoise
+from wallid.records.face_filter import FaceNoise
+from wallid.records.face_spectrum import WHITE
 
 ROWS, SENSORS, SENSOR, FACE, PLATE = 2016, 3, 0.05, 0.08, 1.0
 STEP = 600.0  # s

@@ -13,7 +13,7 @@ import wallid
 from wallid.inference.likelihood import face_response
 from wallid.inference.noise_covariance import BinnedReadings, NoiseShape, restricted_to_reading_rows
 from wallid.inference.noise_of_record import gap_errors
-from wallid.records.face_variation import FaceNoise
+from wallid.records.face_filter import FaceNoise
 
 ROWS, PLACES, RATE = (
     interval.ROWS,

@@ -8,32 +8,16 @@ from numpy.testing import assert_allclose
 from scipy.integrate import quad
 from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import toeplitz
-from scipy.signal import lfilter
-from scipy.special import logit
+from simulated_faces import MINUTES, face
 
-from wallid.records import face_variation
 from wallid.records.face_variation import (
     FAST_BENDING_STD,
     SLOW_BENDING_STD,
-    WHITE,
     FaceErrors,
-    NoiseMemory,
     cubic_errors,
     from_cubics_to_lines,
     of_means,
 )
-
-MINUTES = 60  # of a row
-
-
-def face(rng, gust, days=20):
-    """A face every minute, degC: a daily cycle, smooth weather with 8 and 2 hours, and gusts of 15 minutes."""
-    count = days * 24 * MINUTES
-    poles = np.exp(-1 / 60 / np.array([8.0, 2.0]))
-    smooth = lfilter([1.0], np.poly(poles), rng.standard_normal(count + 3000))[3000:]
-    memory = np.exp(-1 / 15)
-    rough = lfilter([np.sqrt(1 - memory**2)], [1.0, -memory], rng.standard_normal(count))
-    return 8 + 3 * np.sin(2 * np.pi * np.arange(count) / 1440) + smooth / smooth.std() + gust * rough
 
 
 def autocovariance(values, step, noise_std):
@@ -119,51 +103,3 @@ def test_the_covariance_of_means_is_that_of_the_rows_averaged(rows, lags):
     width = min(len(found), blocks)
     assert_allclose(found[:width], want[:width], atol=1e-12)
     assert_allclose(want[width:], 0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize(("gust", "rho", "share"), [(0.0, 0.6, 0.8), (0.1, 0.6, 0.93), (0.1, 0.9, 0.95)])
-def test_faces_are_filtered_for_noise_with_a_memory(gust, rho, share):
-    """Against a face that is known: nearer to it than with white noise, and by as much as the filter says."""
-    rng, noise = np.random.default_rng(int(10 * rho)), 0.1
-    true = face(rng, gust, days=40)[::10]
-    own = lfilter([noise * np.sqrt(1 - rho**2)], [1.0, -rho], rng.standard_normal(len(true) + 200))[200:]
-    readings = (true + own)[:, None]
-
-    def errors_left(memory):
-        errors = cubic_errors(readings, 600.0, noise, memory)
-        return errors, np.std(errors.filtered(readings, 600.0)[:, 0] - true)
-
-    errors, left = errors_left(NoiseMemory(1.0, rho))
-    assert left < share * errors_left(WHITE)[1]
-    one_sign = errors.filtered_noise.autocovariance[0]
-    of_white = np.concatenate([one_sign[:0:-1], one_sign])
-    lags = np.abs(np.arange(len(of_white)) - len(of_white) // 2)
-    assert np.sqrt(of_white @ rho**lags) == pytest.approx(left, rel=0.04)
-
-
-@pytest.mark.parametrize(
-    ("rows", "gusts", "memory"),
-    [(300, 0.02, WHITE), (300, 0.4, WHITE), (2000, 0.1, WHITE), (2000, 0.1, NoiseMemory(0.7, 0.8))],
-)
-def test_the_fitted_spectrum_is_the_most_probable(rows, gusts, memory):
-    """The posterior written anew, each alias summed: no step of a twentieth either way lowers -2 log of it."""
-    rng, noise = np.random.default_rng(rows), 0.05
-    slow = lfilter([0.05], np.poly([0.95, 0.95]), rng.standard_normal(rows))
-    values = slow + lfilter([gusts], [1.0, -0.5], rng.standard_normal(rows)) + noise * rng.standard_normal(rows)
-    theta, power, count = face_variation._periodogram(values)
-    w = theta[:, None] + 2.0 * np.pi * np.arange(-3000, 3001)
-    of_noise = 1 - memory.share * (
-        1 - (1 - memory.correlation**2) / np.abs(1 - memory.correlation * np.exp(1j * theta)) ** 2
-    )
-
-    def cost(logs):
-        a, smooth_rate, b, rough_rate = np.exp(logs[:4])
-        spectrum = 4 * a * smooth_rate**3 / (smooth_rate**2 + w**2) ** 2 + 2 * b * rough_rate / (rough_rate**2 + w**2)
-        density = spectrum.sum(axis=1) + noise**2 * of_noise / (1.0 + np.exp(-logs[4]))
-        priors = [(logs[1] - np.log(0.15)) / 1.5, (logs[3] - np.log(1.5)) / 1.5, (logs[4] - 2.0) / 2.0]
-        return count @ (np.log(density) + power / density) + np.sum(np.square(priors))
-
-    *parts, own = face_variation._fit(theta, power, count, noise, memory.spectrum(theta))
-    found = np.array([*np.log(parts), logit(own / noise**2)])
-    for step in 0.05 * np.eye(5):
-        assert min(cost(found + step), cost(found - step)) > cost(found) - 1e-3

@@ -17,18 +17,18 @@ class FaceErrorResponses:
 
     Args:
         impulse: to an error of 1 K in one reading, `(face, row, instrument)`.
-        bending: to one standard deviation of how the faces bend between their rows, `(error, time, instrument)`; None
-            without plates.
+        shared: to one standard deviation of each error of the faces that has one share in all rows, `(error, time,
+            instrument)`; None without plates.
     """
 
     impulse: Float[np.ndarray, "face row instrument"]
-    bending: Float[np.ndarray, "error time instrument"] | None
+    shared: Float[np.ndarray, "error time instrument"] | None
 
-    def binned_bending(self, bins: BinnedReadings) -> Float[np.ndarray, "error reading"] | None:
-        """The means over bins of the responses to the bending; None without plates."""
-        if self.bending is None:
+    def binned_shared(self, bins: BinnedReadings) -> Float[np.ndarray, "error reading"] | None:
+        """The means over bins of the responses to the shared errors; None without plates."""
+        if self.shared is None:
             return None
-        return np.stack([np.asarray(bins.mean(on_device(error))) for error in self.bending])
+        return np.stack([np.asarray(bins.mean(on_device(error))) for error in self.shared])
 
     def with_last(self, other: FaceErrorResponses, index: int) -> FaceErrorResponses:
         """The same with one instrument of others as the last."""
@@ -36,7 +36,7 @@ class FaceErrorResponses:
         def both(own: np.ndarray, others: np.ndarray) -> np.ndarray:
             return np.concatenate([own, others[..., index : index + 1]], axis=2)
 
-        bending = None
-        if self.bending is not None and other.bending is not None:
-            bending = both(self.bending, other.bending)
-        return FaceErrorResponses(both(self.impulse, other.impulse), bending)
+        shared = None
+        if self.shared is not None and other.shared is not None:
+            shared = both(self.shared, other.shared)
+        return FaceErrorResponses(both(self.impulse, other.impulse), shared)

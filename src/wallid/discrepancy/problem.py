@@ -38,8 +38,8 @@ from ..models.flux_plates import (
     plate_outputs,
 )
 from ..models.state_space import require_x64
-from ..records.face_variation import NoiseMemory
-from ..records.uniform_record import Record
+from ..records.face_spectrum import NoiseMemory
+from ..records.uniform_record import Record, spline_coefficients
 from .effects.base import AbstractEffect
 from .effects.catalogue import library, unlogged
 from .effects.heat_sources import AIRS
@@ -203,7 +203,7 @@ class DiagnosisProblem:
         face_noise, errors = face_noise_of_model(self.case)
         return noise_shape_of_record(
             self.record, responses.impulse, bins, self.spacing, self.noise_stds, face_noise, errors,
-            responses.binned_bending(bins),
+            responses.binned_shared(bins),
         )  # fmt: skip
 
     def responses_to_face_errors(self, parameters: Parameters) -> FaceErrorResponses:
@@ -216,17 +216,22 @@ class DiagnosisProblem:
         plates = fluxes_of(self.case)
         return FaceErrorResponses(
             impulse=face_impulse_response(self.model, parameters),
-            bending=face_change_response(self.model, parameters, self._bent_faces) if plates else None,
+            shared=face_change_response(self.model, parameters, self._changed_faces) if plates else None,
         )
 
     @cached_property
-    def _bent_faces(self) -> Float[np.ndarray, "change interval power face"]:
-        """One standard deviation of how the slow and the fast part of each face bend, as changes of both faces, K."""
-        record, rows = self.record, diagnosis_window(self.case).as_slice
-        filtered = faces_of_model(self.case)[0][rows]
-        courses = self.case.record.face_errors.bent_courses(record.faces, filtered, record.step)
-        changes = np.zeros((4, *courses.shape[2:], 2))
-        for k, (part, side) in enumerate(np.ndindex(2, 2)):
+    def _changed_faces(self) -> Float[np.ndarray, "change interval power face"]:
+        """One standard deviation of each error of a filtered face with one share in all rows, as changes of both, K.
+
+        How its slow and its fast part bend between the rows, and what is uncertain in the filter.
+        """
+        whole, record = self.case.record, self.record
+        filtered = faces_of_model(self.case)[0][diagnosis_window(self.case).as_slice]
+        bent = whole.face_errors.bent_courses(record.faces, filtered, record.step)
+        of_filter = whole.face_filter.courses_of_deviations(record.faces, record.step)
+        courses = np.concatenate([bent, spline_coefficients(of_filter)])
+        changes = np.zeros((2 * len(courses), *courses.shape[2:], 2))
+        for k, (part, side) in enumerate(np.ndindex(courses.shape[:2])):
             changes[k, ..., side] = courses[part, side]
         return changes
 

@@ -114,7 +114,7 @@ class UnexplainedHeat:
         correlation = self.disturbance.noise_memory.correlation
         fitted = FittedReadings(
             sensor_std=problem.noise_stds,
-            face_courses=courses_of_face_errors(problem.record, responses.impulse, face_errors, responses.bending),
+            face_courses=courses_of_face_errors(problem.record, responses.impulse, face_errors, responses.shared),
             face_noise=face_noise.limited(white, autocorrelated, correlation),
             face_errors=face_errors.autocovariance,
             spacing=problem.spacing,

@@ -35,7 +35,7 @@ from jaxtyping import Float
 from .._internal.result_object import ResultObject, plain_value
 from ..models.disturbance import Smoothness
 from ..models.finite_volume_wall import HeatProfile
-from ..records.face_variation import WHITE, NoiseMemory
+from ..records.face_spectrum import WHITE, NoiseMemory
 from .disturbance_covariance import DEPTHS, DEPTHS_PER_DOUBLING, DisturbedReadings
 from .noise_covariance import BinnedReadings, NoiseCovariance, NoiseShape
 

@@ -28,7 +28,8 @@ import scipy
 from jaxtyping import Array, Float
 
 from .._internal.arrays import on_device
-from ..records.face_variation import FaceNoise, of_means
+from ..records.face_filter import FaceNoise
+from ..records.face_variation import of_means
 
 MAX_READINGS = 1500
 """Rows are averaged over bins until there are no more readings than this, because their covariance is dense."""

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._internal.arrays import on_device
-from ..records.face_variation import WHITE, NoiseMemory
+from ..records.face_spectrum import WHITE, NoiseMemory
 from .noise_covariance import BinnedReadings, NoiseShape
 from .whittle_likelihood import MIN_READINGS, shape_of_fast_noise
 

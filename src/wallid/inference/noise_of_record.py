@@ -7,10 +7,11 @@ Each gap is one fully correlated error:
 `fill_std` is the standard error of the interpolated face in row i, `G_f(i)` the readings' response to 1 K more there,
 and `s_f` the noise of a face's reading, which the noise covariance contains in every row already.
 
-How the slow and the fast part of a face bend between its rows are two more such errors of each face, with the same
-share in all rows. The readings do not show whether the face is smooth or rough, or whether the logger stores means:
+Other errors of a face have one share in all rows. Two are how its slow and its fast part bend between the rows: the
+readings do not show whether the face is smooth or rough, or whether the logger stores means. Beside flux plates it is
+what is uncertain in the filter of the face:
 
-    E_f = sum_i c_i G_f(i),      c = `FaceErrors.bendings`
+    E_f = sum_i c_i G_f(i),      c = `FaceErrors.shared_errors`
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from ..case.case_definition import Case
 from ..case.initial_profile import scales
 from ..models.flux_plates import full_order_model_with_plates
 from ..models.state_space import StateSpace
-from ..records.face_variation import FaceErrors, FaceNoise
+from ..records.face_filter import FaceNoise
+from ..records.face_variation import FaceErrors
 from ..records.uniform_record import Record
 from .likelihood import face_response
 from .noise_covariance import BinnedReadings, NoiseShape, restricted_to_reading_rows
@@ -41,7 +43,7 @@ def noise_shape_of_record(
     sensor_std: np.ndarray,
     face_noise: FaceNoise,
     face_errors: FaceErrors,
-    bending: Float[np.ndarray, "error reading"] | None = None,
+    shared: Float[np.ndarray, "error reading"] | None = None,
 ) -> NoiseShape:
     """The structure of the noise covariance of the binned readings.
 
@@ -53,16 +55,16 @@ def noise_shape_of_record(
         face_noise: of the temperatures that drive the model.
         face_errors: what the faces do between rows; `FaceErrors.none()` where it is part of a noise that is estimated
             from the residual.
-        bending: effect on the binned readings of one standard deviation of how the faces bend; None where it follows
-            from the response, as that of temperatures does.
+        shared: effect on the binned readings of one standard deviation of each error with one share in all rows; None
+            where it follows from the response, as that of temperatures does.
     """
     response = response[:, : len(bins.present)]
     gaps = gap_errors(record.fill_std, record.boundary_noise_std, response, bins)
-    if bending is None:
-        bending = bending_errors(face_errors.bendings(record.faces, record.step), response, bins)
+    if shared is None:
+        shared = shared_errors(face_errors.shared_errors(record.faces, record.step), response, bins)
     errors = face_errors.autocovariance
     response, bins, errors = restricted_to_reading_rows(response, bins, spacing, errors)
-    return NoiseShape(response, bins, sensor_std, face_noise, errors, np.concatenate([gaps, bending]))
+    return NoiseShape(response, bins, sensor_std, face_noise, errors, np.concatenate([gaps, shared]))
 
 
 def response_to_faces(
@@ -98,25 +100,25 @@ def courses_of_face_errors(
     record: Record,
     response: np.ndarray,
     face_errors: FaceErrors,
-    bending: Float[np.ndarray, "error time instrument"] | None = None,
+    shared: Float[np.ndarray, "error time instrument"] | None = None,
 ) -> Float[np.ndarray, "time instrument error"]:
-    """The effect at the rows of one standard deviation of each gap's interpolation, and of how the faces bend.
+    """The effect at the rows of one standard deviation of each gap, and of each error with one share in all rows.
 
     Of many gaps only the largest are used.
 
     Args:
         record, response, face_errors: as for `noise_shape_of_record`.
-        bending: effect at the rows of one standard deviation of how the faces bend; None where it follows from the
-            response.
+        shared: effect at the rows of one standard deviation of each error with one share in all rows; None where it
+            follows from the response.
     """
     everywhere = np.ones(response.shape[1:])
     rows = BinnedReadings(on_device(0.0 * everywhere), on_device(everywhere), 1)
     gaps = gap_errors(record.fill_std, record.boundary_noise_std, response, rows, _MAX_COURSES)
-    if bending is None:
-        of_bending = bending_errors(face_errors.bendings(record.faces, record.step), response, rows)
+    if shared is None:
+        of_shared = shared_errors(face_errors.shared_errors(record.faces, record.step), response, rows)
     else:
-        of_bending = bending.transpose(0, 2, 1).reshape(len(bending), -1)
-    errors = np.concatenate([gaps, of_bending])
+        of_shared = shared.transpose(0, 2, 1).reshape(len(shared), -1)
+    errors = np.concatenate([gaps, of_shared])
     return errors.reshape(len(errors), *everywhere.shape[::-1]).transpose(2, 1, 0)
 
 
@@ -152,18 +154,18 @@ def gap_errors(
     return np.concatenate(errors)
 
 
-def bending_errors(
-    bendings: Float[np.ndarray, "part face time"], response: np.ndarray, bins: BinnedReadings
+def shared_errors(
+    changes: Float[np.ndarray, "change face time"], response: np.ndarray, bins: BinnedReadings
 ) -> Float[np.ndarray, "error reading"]:
-    """The effect on the binned readings of one standard deviation of how each part of a face bends, K; none where zero.
+    """The effect on the binned readings of errors of the faces with one share in all rows, K; none where zero.
 
     Args:
-        bendings: change of each face's mean over a row, K.
+        changes: one standard deviation of each, as a change of each face's mean over a row, K.
         response: of the readings at the rows to 1 K more at one row of one face, `(face, row, sensor)`.
         bins: the readings and their bins.
     """
     errors = [np.zeros((0, bins.readings))]
-    for part in bendings:
+    for part in changes:
         for change, own in zip(part, response, strict=True):
             if change.any():
                 effect = scipy.signal.fftconvolve(change[:, None], own, axes=0)[: len(change)]

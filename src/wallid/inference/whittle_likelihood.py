@@ -23,7 +23,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from ..records.face_variation import WHITE, NoiseMemory, autoregression_spectrum
+from ..records.face_spectrum import WHITE, NoiseMemory, autoregression_spectrum
 from .noise_covariance import NoiseCovariance, NoiseShape, quantile_over_shapes
 
 MIN_READINGS = 30

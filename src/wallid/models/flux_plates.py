@@ -13,7 +13,8 @@ from ..case.case_definition import Case
 from ..case.initial_profile import PROFILE_MODES, scales
 from ..case.time_window import Window, entire_record
 from ..case.wall_and_sensors import SIDES
-from ..records.face_variation import FaceErrors, FaceNoise
+from ..records.face_filter import FaceNoise
+from ..records.face_variation import FaceErrors
 from ..records.uniform_record import spline_slopes
 from .finite_volume_wall import HeatProfile, Output
 from .state_space import StateSpace
@@ -97,19 +98,19 @@ def faces_of_model(case: Case) -> tuple[Float[np.ndarray, "time face"], Float[np
     record = case.record
     if not fluxes_of(case):
         return record.faces, record.face_slopes
-    faces = record.face_errors.filtered(record.faces, record.step)
+    faces = record.face_filter.filtered(record.faces, record.step)
     return faces, spline_slopes(faces, record.step)
 
 
 def face_noise_of_model(case: Case) -> tuple[FaceNoise, FaceErrors]:
     """The noise of the temperatures that drive the model, and what they do between rows.
 
-    With plates the noise is that of the filter's error. What the faces do between rows is then left out, but for how
-    they bend (`FaceErrors.bent_courses`).
+    With plates the noise is that of the filter's error, and what is uncertain in the filter takes the place of what the
+    faces do between rows.
     """
     record = case.record
     if fluxes_of(case):
-        return record.face_errors.filtered_noise, FaceErrors.none()
+        return record.face_filter.noise, FaceErrors.of_filter(record.face_filter)
     return FaceNoise.white(record.boundary_noise_std), record.face_errors
 
 

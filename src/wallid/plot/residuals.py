@@ -19,7 +19,7 @@ from ..discrepancy.problem import DiagnosisProblem
 from ..discrepancy.residual_tests import ResidualTests
 from ..discrepancy.result.diagnosis_result import Diagnosis
 from ..models.flux_plates import face_noise_of_model, fluxes_of
-from ..records.face_variation import autoregression_spectrum
+from ..records.face_spectrum import autoregression_spectrum
 from .house_style import GREY, axes_or_new, curve_style, line_style, marker_style, sensor_colour
 from .legends import legend_above, legend_below, root_figure, shortened, use_constrained_layout
 from .time_axis import TimeAxis
@@ -180,7 +180,7 @@ def expected_cumulative_power(fit: EffectFit) -> np.ndarray:
     The power density is `(white + autocorrelated S(omega)) (noise_std^2 + N(omega) |H(omega)|^2)
     + V(omega) |H(omega)|^2`. `S` is the spectrum of an AR(1) process, `H` the frequency response of an instrument to
     the boundary temperatures, `N` the spectrum of their white noise in the model, and `V` that of their errors between
-    rows, random and by bending.
+    rows, random and with one share in all rows.
 
     Returns:
         Shares, `(frequency, instrument)`.
@@ -195,9 +195,9 @@ def expected_cumulative_power(fit: EffectFit) -> np.ndarray:
     gain = np.abs(response) ** 2
     face_variance = np.einsum("fw,fws->ws", _spectra(face_noise.limited(*sizes), omega), gain)
     power = (noise.white + noise.autocorrelated * spectrum)[:, None] * (problem.noise_stds**2 + face_variance)
-    bendings = face_errors.bendings(problem.record.faces, problem.record.step)
-    bending = (np.abs(np.fft.rfft(bendings, axis=-1)[..., 1 : (rows + 1) // 2]) ** 2).sum(axis=0) / rows
-    power += np.einsum("fw,fws->ws", _spectra(face_errors.autocovariance, omega) + bending, gain)
+    shared = face_errors.shared_errors(problem.record.faces, problem.record.step)
+    of_shared = (np.abs(np.fft.rfft(shared, axis=-1)[..., 1 : (rows + 1) // 2]) ** 2).sum(axis=0) / rows
+    power += np.einsum("fw,fws->ws", _spectra(face_errors.autocovariance, omega) + of_shared, gain)
     return np.cumsum(power, axis=0) / power.sum(axis=0)
 
 

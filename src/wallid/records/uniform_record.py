@@ -21,7 +21,9 @@ from .._internal.validation import number, set_fields
 from .array_checks import checked_columns, checked_names, checked_regressors, checked_stamps, checked_times
 from .cleaning_log import CleaningLog
 from .dataframe_table import source_name
-from .face_variation import WHITE, FaceErrors, NoiseMemory, cubic_errors
+from .face_filter import FaceFilter, face_filter
+from .face_spectrum import WHITE, NoiseMemory
+from .face_variation import FaceErrors, cubic_errors
 from .file_format import FileFormat, check_unit
 from .reading_pipeline import read_record_arrays
 from .row_times import RecordStart, time_index
@@ -169,6 +171,13 @@ class Record(ResultObject):
                 part, stride * self.step, self.boundary_noise_std, self.noise_memory
             )
         return self._face_errors[stride]
+
+    @cached_property
+    def face_filter(self) -> FaceFilter:
+        """The filter that takes the noise out of the faces' readings."""
+        first, rows = self.longest_part
+        part = self.faces[first : first + rows]
+        return face_filter(part, self.step, self.boundary_noise_std, self.noise_memory)
 
     @cached_property
     def _face_errors(self) -> dict[int, FaceErrors]:
@@ -365,6 +374,15 @@ def spline_slopes(values: np.ndarray, step: float) -> np.ndarray:
     """
     rows = np.arange(len(values))
     return np.asarray(scipy.interpolate.CubicSpline(rows, values)(rows, 1)) / step
+
+
+def spline_coefficients(values: np.ndarray) -> np.ndarray:
+    """The same cubic spline between its rows, `(..., interval, power)` for values `(..., time)`.
+
+    Coefficients of the powers of s, from 0 at a row to 1 at the next.
+    """
+    spline = scipy.interpolate.CubicSpline(np.arange(values.shape[-1]), values, axis=-1)
+    return np.moveaxis(np.asarray(spline.c)[::-1], (0, 1), (-1, -2))
 
 
 def read_record(

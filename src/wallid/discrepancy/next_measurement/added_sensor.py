@@ -161,6 +161,6 @@ def _whitening(fit: EffectFit, sensor: Sensor, bins: BinnedReadings, responses: 
     face_noise, errors = face_noise_of_model(problem.case)
     shape = noise_shape_of_record(
         problem.record, responses.impulse, bins, problem.spacing, stds, face_noise, errors,
-        responses.binned_bending(bins),
+        responses.binned_shared(bins),
     )  # fmt: skip
     return shape.covariance_like(fit.noise).whitening
