@@ -28,6 +28,7 @@ from jaxtyping import Float
 
 from .face_spectrum import (
     FEWEST_ROWS,
+    FOLDED,
     FREQUENCIES,
     LAGS,
     WHITE,
@@ -91,11 +92,6 @@ class FaceFilter:
     noise: FaceNoise
     deviations: Float[np.ndarray, "direction face weight"]
 
-    @classmethod
-    def none(cls) -> FaceFilter:
-        """Of readings without noise, which stay as they are."""
-        return cls(np.ones((2, 1)), FaceNoise.white(0.0), np.zeros((0, 2, 1)))
-
     def filtered(self, faces: Float[np.ndarray, "time face"], step: float) -> Float[np.ndarray, "time face"]:
         """The readings without their noise, degC.
 
@@ -148,9 +144,8 @@ def _filter_of_one(values: np.ndarray, step: float, noise_std: float, memory: No
         none = np.zeros((_DIRECTIONS, len(own)))
         return own, noise_std**2 * own[LAGS:-1], np.full(len(FREQUENCIES), np.inf), none
     spectrum = spectrum_with_evident_gusts(without_daily_cycle(values, step), noise_std, memory)
-    theta = np.maximum(np.minimum(FREQUENCIES, 2.0 * np.pi - FREQUENCIES), 1e-6)
-    total = spectrum.with_aliases(theta).sum(axis=1) + spectrum.of_noise(theta)
-    shape, (of_signal, of_noise) = memory.spectrum(theta), spectrum.deviations(theta)
+    total = spectrum.with_aliases(FOLDED).sum(axis=1) + spectrum.of_noise(FOLDED)
+    shape, (of_signal, of_noise) = memory.spectrum(FOLDED), spectrum.deviations(FOLDED)
     largest_noise = float((total / shape).min())
     if largest_noise > spectrum.stated_noise:  # what is uncertain in the noise that was found is so in the face
         of_signal, of_noise = of_signal + of_noise, np.zeros_like(of_noise)

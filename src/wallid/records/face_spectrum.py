@@ -25,6 +25,8 @@ from .._internal.units import DAY
 
 FREQUENCIES = 2.0 * np.pi * np.arange(256) / 256
 """The equal frequencies of a spectrum from 0 to 2 pi, rad a row."""
+FOLDED = np.maximum(np.minimum(FREQUENCIES, 2.0 * np.pi - FREQUENCIES), 1e-6)
+"""Each of them as the one below pi that looks the same at the rows; never 0."""
 FEWEST_ROWS = 24
 """From which on a face has a spectrum."""
 LAGS = 24
@@ -76,7 +78,7 @@ class FaceSpectrum:
         noise: variance of the readings' noise as found, K2.
         stated_noise: as stated, K2.
         memory: of the noise.
-        cost: minus the logarithm of the posterior, up to a constant.
+        cost: what the fit minimises: minus ln(likelihood), and the square of each deviation from a prior.
         frequencies, counts: of the power that was fitted: rad a row, and the number of independent values of each.
     """
 

@@ -32,6 +32,7 @@ from .face_filter import FaceFilter
 from .face_spectrum import (
     ALIASES,
     FEWEST_ROWS,
+    FOLDED,
     FREQUENCIES,
     LAGS,
     WHITE,
@@ -153,17 +154,16 @@ def _errors_of_one(values: np.ndarray, step: float, noise_std: float, memory: No
     if len(values) < FEWEST_ROWS or np.ptp(values) == 0.0:
         return np.zeros(LAGS), around_row(np.ones(len(FREQUENCIES)))
     spectrum = fitted_spectrum(without_daily_cycle(values, step), noise_std, memory)
-    theta = np.maximum(np.minimum(FREQUENCIES, 2.0 * np.pi - FREQUENCIES), 1e-6)
-    power = spectrum.with_aliases(theta)
-    total = power.sum(axis=1) + spectrum.of_noise(theta)
-    return np.fft.ifft(_error_spectrum(theta, power)).real[:LAGS], around_row(spectrum.slow(theta) / total)
+    power = spectrum.with_aliases(FOLDED)
+    total = power.sum(axis=1) + spectrum.of_noise(FOLDED)
+    return np.fft.ifft(_error_spectrum(power)).real[:LAGS], around_row(spectrum.slow(FOLDED) / total)
 
 
-def _error_spectrum(theta: np.ndarray, power: np.ndarray) -> np.ndarray:
+def _error_spectrum(power: np.ndarray) -> np.ndarray:
     """Spectrum of the error of a row's mean, K2; `power` of the face with its aliases, `(frequency, alias)`."""
-    w = theta[:, None] + 2.0 * np.pi * ALIASES
+    w = FOLDED[:, None] + 2.0 * np.pi * ALIASES
     own, beside, next_one = _MEAN_OF_CUBIC
-    weight = own + 2.0 * beside * np.cos(theta) + 2.0 * next_one * np.cos(2.0 * theta)
+    weight = own + 2.0 * beside * np.cos(FOLDED) + 2.0 * next_one * np.cos(2.0 * FOLDED)
     return (power * (np.sinc(w / (2.0 * np.pi)) - weight[:, None]) ** 2).sum(axis=1)
 
 
