@@ -176,6 +176,22 @@ def test_bends_between_the_rows_are_those_of_lines_instead_of_cubics(plain):
     assert_allclose(got, np.asarray(want), rtol=0, atol=1e-9 * np.abs(faces).max() + 1e-6 * np.abs(want).max())
 
 
+def test_what_is_uncertain_in_the_faces_filter_is_in_the_noise(plain):
+    """Each direction of each face as a change of that face alone, without jumps at the rows."""
+    study, _ = plain
+    record = study.case.record
+    courses = record.face_filter.courses_of_deviations(record.faces, record.step)
+    responses = study.responses_to_face_errors(study.parameters)
+    changes = study._changed_faces[4:]
+    assert len(changes) == 6 == len(responses.shared) - 4
+    for change, (direction, side) in zip(changes, np.ndindex(3, 2), strict=True):
+        course = courses[direction, side]
+        assert not change[..., 1 - side].any()
+        assert_allclose(change[:, 0, side], course[:-1], atol=1e-12)
+        assert_allclose(change[..., side].sum(axis=1), course[1:], atol=1e-12)
+    assert np.all(np.abs(responses.shared[4:, :, 3:]).max(axis=(1, 2)) > 0.0)
+
+
 def test_effects_of_plates_need_their_plates():
     def of_plates(logged):
         return {(one.name, one.target) for one in library(2, logged) if one.name.startswith("plate_")}

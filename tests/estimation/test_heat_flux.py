@@ -35,7 +35,7 @@ from wallid.inference.generalised_least_squares import fit_generalised_least_squ
 from wallid.inference.likelihood import profile_likelihood
 from wallid.inference.nuisance_kinds import NUISANCE_KINDS, ContactResistances
 from wallid.inference.validity import distinguishable_range
-from wallid.models.flux_plates import full_order_model_with_plates, uninformative_rows
+from wallid.models.flux_plates import full_order_model_with_plates, initial_conductivity, uninformative_rows
 from wallid.report.next_steps import next_steps
 from wallid.report.page import answer, render_page
 from wallid.report.result_json import result_entries
@@ -539,6 +539,21 @@ def test_noise_of_the_faces_with_a_memory_reaches_the_plates():
     through = CONDUCTIVITY / LENGTH * fluxes(left, STEP, DIFFUSIVITY / LENGTH**2)[ROWS:]
     found = np.sqrt(shape.face_variance(0.0, 1.0, rho))
     assert_allclose(found, np.sqrt(np.mean(through**2, axis=0)), rtol=0.1)
+
+
+def test_what_is_uncertain_in_the_faces_filter_reaches_the_plates(fitted):
+    """Each direction of each face, against the sine series of its course."""
+    case, shape = case_of(gain=(0.04, -0.03)), fitted.noise_shape
+    record = case.record
+    conductivity = initial_conductivity(case, wallid.Window(0, ROWS)) * np.exp(fitted.parameters["log_conductivity"])
+    courses = record.face_filter.courses_of_deviations(record.faces, record.step)
+    assert len(courses) == 3 and len(shape.gap_errors) == 6
+    for found, (direction, side) in zip(shape.gap_errors, np.ndindex(3, 2), strict=True):
+        faces = np.zeros((ROWS, 2))
+        faces[:, side] = courses[direction, side]
+        through = conductivity / LENGTH * fluxes(faces, STEP, fitted.diffusivity / LENGTH**2)
+        want = np.asarray(shape.bins.mean(jnp.asarray(through)))
+        assert np.sqrt(np.mean((found - want) ** 2)) < 0.03 * np.sqrt(np.mean(want**2))
 
 
 @pytest.mark.slow
