@@ -39,7 +39,7 @@ from ..models.flux_plates import (
 )
 from ..models.state_space import require_x64
 from ..records.face_spectrum import NoiseMemory
-from ..records.uniform_record import Record, spline_coefficients
+from ..records.uniform_record import Record, cubic_coefficients, spline_slopes
 from .effects.base import AbstractEffect
 from .effects.catalogue import library, unlogged
 from .effects.heat_sources import AIRS
@@ -229,7 +229,8 @@ class DiagnosisProblem:
         filtered = faces_of_model(self.case)[0][diagnosis_window(self.case).as_slice]
         bent = whole.face_errors.bent_courses(record.faces, filtered, record.step)
         of_filter = whole.face_filter.courses_of_deviations(record.faces, record.step)
-        courses = np.concatenate([bent, spline_coefficients(of_filter)])
+        as_splines = [[cubic_coefficients(face, spline_slopes(face, 1.0)) for face in faces] for faces in of_filter]
+        courses = np.concatenate([bent, as_splines])
         changes = np.zeros((2 * len(courses), *courses.shape[2:], 2))
         for k, (part, side) in enumerate(np.ndindex(courses.shape[:2])):
             changes[k, ..., side] = courses[part, side]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
 from .._internal.arrays import on_device
 from .._internal.units import DAY
@@ -15,7 +14,7 @@ from ..inference.common_noise import common_noise_of_face
 from ..models.finite_volume_wall import Output, layer_nodes, wall_cells
 from ..models.flux_plates import faces_of_model, fluxes_of
 from ..models.window_inputs import full_order_model
-from ..records.uniform_record import Record, cubic_slopes
+from ..records.uniform_record import Record, cubic_coefficients, cubic_slopes
 from .effects.equation_terms import ForcingData
 
 
@@ -34,7 +33,7 @@ def forcing_of_window(case: Case, window: Window) -> ForcingData:
         present = np.isfinite(values)
         filled = values if present.all() else np.interp(rows, rows[present], values[present])
         slopes = cubic_slopes(filled, 1.0) if slopes is None else slopes
-        return scipy.interpolate.CubicHermiteSpline(rows, filled, slopes).c[::-1].T
+        return cubic_coefficients(filled, slopes)
 
     zeros = np.zeros(record.rows)
 

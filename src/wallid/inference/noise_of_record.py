@@ -61,7 +61,7 @@ def noise_shape_of_record(
     response = response[:, : len(bins.present)]
     gaps = gap_errors(record.fill_std, record.boundary_noise_std, response, bins)
     if shared is None:
-        shared = shared_errors(face_errors.shared_errors(record.faces, record.step), response, bins)
+        shared = effects_of_shared_errors(face_errors.shared_errors(record.faces, record.step), response, bins)
     errors = face_errors.autocovariance
     response, bins, errors = restricted_to_reading_rows(response, bins, spacing, errors)
     return NoiseShape(response, bins, sensor_std, face_noise, errors, np.concatenate([gaps, shared]))
@@ -115,7 +115,7 @@ def courses_of_face_errors(
     rows = BinnedReadings(on_device(0.0 * everywhere), on_device(everywhere), 1)
     gaps = gap_errors(record.fill_std, record.boundary_noise_std, response, rows, _MAX_COURSES)
     if shared is None:
-        of_shared = shared_errors(face_errors.shared_errors(record.faces, record.step), response, rows)
+        of_shared = effects_of_shared_errors(face_errors.shared_errors(record.faces, record.step), response, rows)
     else:
         of_shared = shared.transpose(0, 2, 1).reshape(len(shared), -1)
     errors = np.concatenate([gaps, of_shared])
@@ -154,7 +154,7 @@ def gap_errors(
     return np.concatenate(errors)
 
 
-def shared_errors(
+def effects_of_shared_errors(
     changes: Float[np.ndarray, "change face time"], response: np.ndarray, bins: BinnedReadings
 ) -> Float[np.ndarray, "error reading"]:
     """The effect on the binned readings of errors of the faces with one share in all rows, K; none where zero.

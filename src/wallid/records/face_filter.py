@@ -27,7 +27,6 @@ import numpy as np
 from jaxtyping import Float
 
 from .face_spectrum import (
-    FEWEST_ROWS,
     FOLDED,
     FREQUENCIES,
     LAGS,
@@ -35,6 +34,7 @@ from .face_spectrum import (
     NoiseMemory,
     around_row,
     autoregression_spectrum,
+    has_spectrum,
     spectrum_with_evident_gusts,
     weighted,
     with_daily_cycle,
@@ -139,7 +139,7 @@ def face_filter(
 
 def _filter_of_one(values: np.ndarray, step: float, noise_std: float, memory: NoiseMemory) -> tuple[np.ndarray, ...]:
     """Weights, autocovariance of the noise that is left, power and deviations of the weights of one face."""
-    if len(values) < FEWEST_ROWS or np.ptp(values) == 0.0:
+    if not has_spectrum(values):
         own = around_row(np.ones(len(FREQUENCIES)))
         none = np.zeros((_DIRECTIONS, len(own)))
         return own, noise_std**2 * own[LAGS:-1], np.full(len(FREQUENCIES), np.inf), none

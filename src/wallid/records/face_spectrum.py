@@ -27,12 +27,11 @@ FREQUENCIES = 2.0 * np.pi * np.arange(256) / 256
 """The equal frequencies of a spectrum from 0 to 2 pi, rad a row."""
 FOLDED = np.maximum(np.minimum(FREQUENCIES, 2.0 * np.pi - FREQUENCIES), 1e-6)
 """Each of them as the one below pi that looks the same at the rows; never 0."""
-FEWEST_ROWS = 24
-"""From which on a face has a spectrum."""
 LAGS = 24
 """Rows, beyond which what a filter leaves is uncorrelated, and its weights are zero."""
 ALIASES = np.arange(-12, 13)
 """Multiples of the sampling frequency."""
+_FEWEST_ROWS = 24
 _HARMONICS = 4  # of the day
 _FIRST_FREQUENCY = 3  # of the transform: lower ones hold the trend
 _MOST_FREQUENCIES = 60  # means of neighbouring ones
@@ -44,7 +43,7 @@ _REACH = 70.0  # of the logarithms from their first values: a part that is absen
 _SMALLEST_NOISE = 1e-4  # K, so that constant and rounded readings have a finite likelihood
 _ABSENT = 1e-30  # K2, the variance of gusts that are left out
 _GUSTS = 8.0  # the gain of ln(likelihood) from which on gusts are evident: none of 1,200 smooth faces had it
-_RIDGE = 1e-9  # of the information, for parameters on which nothing depends
+_RIDGE = 1e-9  # of the information, where two parameters act nearly alike
 
 
 @dataclass(frozen=True)
@@ -122,7 +121,7 @@ class FaceSpectrum:
         relative = (of_parts + of_noise) / density
         information = (relative * self.counts) @ relative.T
         information[_WITH_PRIOR, _WITH_PRIOR] += 2.0 / _PRIOR_STD**2
-        unit = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+        unit = 1.0 / np.sqrt(np.diag(information))
         scaled = information * np.outer(unit, unit) + _RIDGE * np.eye(len(unit))
         root = scipy.linalg.solve_triangular(scipy.linalg.cholesky(scaled, lower=True), np.diag(unit), lower=True)
         of_parts, of_noise = self._slopes(theta)
@@ -138,6 +137,11 @@ class FaceSpectrum:
             np.stack([by_smooth, self.smooth * by_smooth_rate, by_rough, self.rough * by_rough_rate, none]),
             np.stack([none, none, none, none, by_share]),
         )
+
+
+def has_spectrum(values: Float[np.ndarray, " time"]) -> bool:
+    """Whether a face's readings are enough for a spectrum, and not constant."""
+    return len(values) >= _FEWEST_ROWS and bool(np.ptp(values) > 0.0)
 
 
 def fitted_spectrum(

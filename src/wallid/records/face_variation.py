@@ -31,7 +31,6 @@ from jaxtyping import Float
 from .face_filter import FaceFilter
 from .face_spectrum import (
     ALIASES,
-    FEWEST_ROWS,
     FOLDED,
     FREQUENCIES,
     LAGS,
@@ -39,6 +38,7 @@ from .face_spectrum import (
     NoiseMemory,
     around_row,
     fitted_spectrum,
+    has_spectrum,
     with_daily_cycle,
     without_daily_cycle,
 )
@@ -151,7 +151,7 @@ def cubic_errors(
 
 def _errors_of_one(values: np.ndarray, step: float, noise_std: float, memory: NoiseMemory) -> tuple[np.ndarray, ...]:
     """Autocovariance of the error and weights of the slow part of one face."""
-    if len(values) < FEWEST_ROWS or np.ptp(values) == 0.0:
+    if not has_spectrum(values):
         return np.zeros(LAGS), around_row(np.ones(len(FREQUENCIES)))
     spectrum = fitted_spectrum(without_daily_cycle(values, step), noise_std, memory)
     power = spectrum.with_aliases(FOLDED)

@@ -165,19 +165,21 @@ class Record(ResultObject):
     def face_errors_at(self, stride: int) -> FaceErrors:
         """`face_errors` of a record with only every so many of the rows."""
         if stride not in self._face_errors:
-            first, rows = self.longest_part
-            part = self.faces[first : first + rows : stride]
             self._face_errors[stride] = cubic_errors(
-                part, stride * self.step, self.boundary_noise_std, self.noise_memory
+                self._unbroken_faces[::stride], stride * self.step, self.boundary_noise_std, self.noise_memory
             )
         return self._face_errors[stride]
 
     @cached_property
     def face_filter(self) -> FaceFilter:
         """The filter that takes the noise out of the faces' readings."""
+        return face_filter(self._unbroken_faces, self.step, self.boundary_noise_std, self.noise_memory)
+
+    @property
+    def _unbroken_faces(self) -> np.ndarray:
+        """The faces of the longest part without a break, degC, (time, 2)."""
         first, rows = self.longest_part
-        part = self.faces[first : first + rows]
-        return face_filter(part, self.step, self.boundary_noise_std, self.noise_memory)
+        return self.faces[first : first + rows]
 
     @cached_property
     def _face_errors(self) -> dict[int, FaceErrors]:
@@ -376,13 +378,12 @@ def spline_slopes(values: np.ndarray, step: float) -> np.ndarray:
     return np.asarray(scipy.interpolate.CubicSpline(rows, values)(rows, 1)) / step
 
 
-def spline_coefficients(values: np.ndarray) -> np.ndarray:
-    """The same cubic spline between its rows, `(..., interval, power)` for values `(..., time)`.
+def cubic_coefficients(values: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """The cubics between uniform rows with these values, (time,), and slopes for each row, (time,): (interval, power).
 
     Coefficients of the powers of s, from 0 at a row to 1 at the next.
     """
-    spline = scipy.interpolate.CubicSpline(np.arange(values.shape[-1]), values, axis=-1)
-    return np.moveaxis(np.asarray(spline.c)[::-1], (0, 1), (-1, -2))
+    return np.asarray(scipy.interpolate.CubicHermiteSpline(np.arange(len(values)), values, slopes).c)[::-1].T
 
 
 def read_record(
