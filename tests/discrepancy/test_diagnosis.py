@@ -260,7 +260,9 @@ def test_heat_behind_the_last_sensor_is_not_distinguished_from_an_offset_of_the_
     one_of = {named.effect_parameters.effect.name, *(one.effect.name for one in named.alternatives)}
     assert found.verdict == "confusable" and one_of == {"face_offset", "heat_source"}
     (confusable,) = confusable_sets(found)
-    assert confusable.relative_stds.max() < 0.2, "that there is heat is certain, although its rate is not"
+    for fit, one in zip(confusable.present.fits, confusable.effects, strict=False):
+        std, size = fit.std_of_size(one), abs(float(fit.parameters[one.names[0]]))
+        assert std < 0.2 * size, "that there is heat is certain, although its rate is not"
 
 
 def test_what_is_small_is_named_rather_than_what_explains_less(explained):

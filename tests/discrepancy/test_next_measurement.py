@@ -31,7 +31,7 @@ from wallid.discrepancy.next_measurement.confusable_sets import ConfusableSet, c
 from wallid.discrepancy.next_measurement.informative_records import open_diffusivities
 from wallid.discrepancy.next_measurement.other_weather import SAME_WEATHER
 from wallid.discrepancy.next_measurement.present_record import PresentRecord, explanation_of
-from wallid.discrepancy.next_measurement.refits import refitted_separations
+from wallid.discrepancy.next_measurement.refits import refits_without_noise, refitted_separations
 from wallid.discrepancy.next_measurement.search import what_to_measure
 from wallid.discrepancy.next_measurement.unlogged_columns import typical_courses, unlogged_columns
 from wallid.discrepancy.problem import diagnosis_problem
@@ -189,7 +189,8 @@ def test_exchanged_sensors_read_each_others_places(found):
     assert [one.pair for one in swapped_records(present)] == []  # no effect blames a sensor
     assert swapped.next_name("effect.sensor_position[T2].shift") == "effect.sensor_position[T1].shift"
     assert swapped.next_name("effect.sensor_lag[T2].time_constant") == "effect.sensor_lag[T2].time_constant"
-    assert np.isfinite(confusable.probability(refitted_separations(confusable, swapped)))
+    refitted = refitted_separations(confusable, swapped, refits_without_noise(confusable, swapped))
+    assert np.isfinite(confusable.probability(refitted))
 
 
 def test_an_exchanged_sensor_may_be_mistaken_for_another_face(tmp_path):
@@ -310,7 +311,8 @@ def test_refits_confirm_the_derivatives_of_a_repeat(found):
     """For effects that are nearly linear, the refits give the squared distance of the derivatives."""
     (confusable,) = confusable_sets(found)
     repeat = LongerRecord(confusable.present, 1.0)
-    for derivative, exact in zip(confusable.separations(repeat), refitted_separations(confusable, repeat), strict=True):
+    refitted = refitted_separations(confusable, repeat, refits_without_noise(confusable, repeat))
+    for derivative, exact in zip(confusable.separations(repeat), refitted, strict=True):
         assert exact.excess == pytest.approx(derivative.excess, rel=0.35, abs=1.5)
 
 
@@ -324,8 +326,9 @@ def test_a_rivals_position_is_searched_anew(found, monkeypatch):
     without = refit(problem, (), start, after.noise)
     confusable = ConfusableSet((*after.active, layers), PresentRecord((after, far, without)), chance_gain=15.0)
     monkeypatch.setattr(refits, "_CLEAR_EXCESS", np.inf)
-    found_excess = refitted_separations(confusable, LongerRecord(confusable.present, 1.0))[0].excess[0]
-    exact = refits._with_readings_of(LongerRecord(confusable.present, 1.0), after)
+    repeat = LongerRecord(confusable.present, 1.0)
+    rival = refits_without_noise(confusable, repeat)[0].rivals[0]
+    exact = refits._with_readings_of(repeat, after)
 
     def cost(parameters, *effects):
         return refit(exact, effects, parameters, after.noise).cost
@@ -337,7 +340,7 @@ def test_a_rivals_position_is_searched_anew(found, monkeypatch):
         for sign in (-1, 1)
     ]
     want = min(cost(one, layers) for one in starts) - own
-    assert found_excess == pytest.approx(want, abs=1.0)
+    assert rival.cost - own == pytest.approx(want, abs=1.0)
     assert cost(far.parameters, layers) - own > want + 5.0
 
 

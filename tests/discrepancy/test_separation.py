@@ -1,5 +1,7 @@
 """The probability that a future record names the right explanation, against simulated fits of linear models."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy
@@ -7,15 +9,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wallid.discrepancy.next_measurement.other_weather import SAME_WEATHER
+from wallid.discrepancy.next_measurement.possible_truths import PossibleTruths
 from wallid.discrepancy.next_measurement.separation import (
     Explanation,
     FitWithoutNoise,
     Growth,
     Separation,
+    cosines,
     separation,
 )
 
 READINGS = 60
+AS_FITTED = PossibleTruths((), np.zeros((1, 0)))
 
 
 def explanations(seed=0, count=3):
@@ -25,16 +30,27 @@ def explanations(seed=0, count=3):
     made = []
     for _ in range(count):
         own = common + 0.6 * rng.standard_normal(READINGS)
-        made.append(
-            Explanation(1.5 * own, np.stack([common, own], axis=1), np.array([0.0, 1.5]), np.array([0.5, np.inf]))
-        )
+        slopes, values, prior_std = np.stack([common, own], axis=1), np.array([0.0, 1.5]), np.array([0.5, np.inf])
+        made.append(Explanation(("common", "own"), 1.5 * own, slopes, values, prior_std))
     return made
 
 
-def separated(true, rivals, length=1.0):
+def with_place(explanation):
+    """The same with one more parameter, such as a position."""
+    slope = np.random.default_rng(9).standard_normal((READINGS, 1))
+    return replace(
+        explanation,
+        names=(*explanation.names, "place"),
+        jacobian=np.hstack([explanation.jacobian, slope]),
+        values=np.append(explanation.values, 0.0),
+        prior_std=np.append(explanation.prior_std, np.inf),
+    )
+
+
+def separated(true, rivals, length=1.0, truths=AS_FITTED):
     blocks = np.full(len(true.predicted), SAME_WEATHER)
     own, *others = (FitWithoutNoise(one, length, blocks) for one in (true, *rivals))
-    return separation(own, others)
+    return separation(own, others, truths)
 
 
 def costs(readings, models, whitening):
@@ -47,12 +63,14 @@ def costs(readings, models, whitening):
             fitted = one.predicted + one.jacobian @ step
             return np.concatenate([whitening @ (readings - fitted), precision * (one.values + step)])
 
-        found.append(2.0 * scipy.optimize.least_squares(residual, np.zeros(2), method="lm").cost)
+        found.append(2.0 * scipy.optimize.least_squares(residual, np.zeros(len(one.names)), method="lm").cost)
     return np.array(found)
 
 
 def test_probability_is_that_of_simulated_records():
+    """The second rival has one parameter more, which gains from the noise."""
     true, *rivals = explanations()
+    rivals[1] = with_place(rivals[1])
     rng = np.random.default_rng(4)
     root = np.linalg.cholesky(scipy.linalg.toeplitz(0.5 ** np.arange(READINGS)))
     whitening = np.linalg.inv(root)
@@ -62,33 +80,43 @@ def test_probability_is_that_of_simulated_records():
         all_costs = costs(true.predicted + root @ rng.standard_normal(READINGS), [true, *rivals], whitening)
         excesses.append(all_costs[1:] - all_costs[0])
     excesses = np.array(excesses)
-    assert np.allclose(np.cov(excesses.T), 4.0 * stated.inner, rtol=0.3)
+    length = 2.0 * np.sqrt(stated.excess[0])
+    assert np.allclose(np.cov(excesses.T), stated.cosine * np.outer(length, length), rtol=0.3)
+    assert stated.penalties == pytest.approx([0.0, -1.0], abs=0.05)
+    assert excesses.mean(axis=0) == pytest.approx(stated.excess[0] + stated.penalties, abs=1.5)
     for criterion in np.quantile(excesses.min(axis=1), (0.2, 0.5, 0.8)):
         share = np.mean((excesses > criterion).all(axis=1))
-        assert stated.probability(np.full(2, criterion), 0.0) == pytest.approx(share, abs=0.1)
+        assert stated.probability(np.full(2, criterion)) == pytest.approx(share, abs=0.1)
 
 
 def test_probability_against_one_rival_is_the_normal_integral():
-    squared, criterion, spread = 30.0, 9.0, 0.2
-    one = Separation(np.array([squared]), np.array([[squared]]), np.zeros(1), np.ones((1, 1)))
-    distance = np.sqrt(squared)
-    certain = scipy.stats.norm.cdf((squared - criterion) / (2.0 * distance))
-    assert one.probability(np.array([criterion]), 0.0) == pytest.approx(certain, abs=0.02)
+    """Its mean over the sizes that the true effect may have."""
+    squared, criterion = 30.0, 9.0
+    sizes = np.linspace(0.6, 1.4, 8)
+    one = Separation(squared * sizes[:, None] ** 2, np.ones((1, 1)), np.zeros(1))
+    distance = sizes * np.sqrt(squared)
+    each = scipy.stats.norm.cdf((distance**2 - criterion) / (2.0 * distance))
+    assert one.probability(np.array([criterion])) == pytest.approx(each.mean(), abs=0.02)
 
-    def at(size):
-        inside = scipy.stats.norm.cdf((size**2 * squared - criterion) / (2.0 * size * distance))
-        return inside * scipy.stats.norm.pdf(size, 1.0, spread)
 
-    mean = scipy.integrate.quad(at, 1e-3, 2.5)[0]
-    assert one.probability(np.array([criterion]), spread) == pytest.approx(mean, abs=0.02)
+def test_the_true_effect_may_have_another_size_and_another_place():
+    """The excess in each draw, against fits by SciPy to the readings of the true effect with these values."""
+    true, rival, _ = explanations()
+    true = with_place(true)
+    truths = PossibleTruths(("own", "place"), np.random.default_rng(2).standard_normal((5, 2)))
+    stated = separated(true, [rival], truths=truths).excess.reshape(-1, 5)
+    for k, (size, place) in enumerate(truths.draws):
+        readings = true.predicted + true.jacobian @ [0.0, size, place]
+        own, other = costs(readings, [true, rival], np.eye(READINGS))
+        assert stated[:, k] == pytest.approx(other - own, rel=1e-6)
 
 
 def test_what_is_equal_cannot_be_separated():
     true, _, _ = explanations()
     same = separated(true, [true])
-    assert same.excess == pytest.approx([0.0], abs=1e-9)
-    assert same.probability(np.array([9.0]), 0.3) == 0.0
-    assert separated(true, []).probability(np.zeros(0), 0.3) == 1.0
+    assert same.excess == pytest.approx(0.0, abs=1e-9)
+    assert same.probability(np.array([9.0])) == 0.0
+    assert separated(true, []).probability(np.zeros(0)) == 1.0
 
 
 @given(st.integers(0, 30), st.floats(1.0, 5.0))
@@ -103,14 +131,13 @@ def test_whole_lengths_are_copies_of_the_record():
     """Three lengths are one record of three times the readings, in which a drift has gone on growing."""
     true, rival, _ = explanations()
     growth = Growth(np.full(READINGS, 0.3), np.stack([np.zeros(READINGS), np.full(READINGS, 0.2)], axis=1))
-    grown = Explanation(true.predicted, true.jacobian, true.values, true.prior_std, 0.0, growth)
-    copies = Explanation(
-        np.concatenate([true.predicted + k * growth.predicted for k in range(3)]),
-        np.concatenate([true.jacobian + k * growth.jacobian for k in range(3)]),
-        true.values,
-        true.prior_std,
+    grown = replace(true, growth=growth)
+    copies = replace(
+        true,
+        predicted=np.concatenate([true.predicted + k * growth.predicted for k in range(3)]),
+        jacobian=np.concatenate([true.jacobian + k * growth.jacobian for k in range(3)]),
     )
-    thrice = Explanation(np.tile(rival.predicted, 3), np.tile(rival.jacobian, (3, 1)), rival.values, rival.prior_std)
+    thrice = rival.mapped(lambda readings: np.concatenate([readings] * 3, axis=-1))
     long = separated(copies, [thrice])
     assert separated(grown, [rival], 3.0).excess == pytest.approx(long.excess, rel=1e-9)
     plain = separated(true, [rival], 3.0)
@@ -124,11 +151,14 @@ def test_standard_error_is_that_of_least_squares():
     assert one.std(1, 2.0) == pytest.approx(np.sqrt(covariance[1, 1]))
 
 
-def test_other_distances_of_a_rival_without_an_expected_excess_are_finite():
-    """A rival that would fall behind by nothing, or even be better, has a finite covariance of the excess."""
-    inner = np.diag([4.0, 0.0, 9.0])
-    one = Separation(np.array([0.0, -2.0, 9.0]), inner, np.zeros(3), np.ones((1, 3)))
-    moved = one.with_excess(np.array([4e12, 1e9, 36.0]), one.weather)
-    assert np.isfinite(moved.inner).all() and moved.inner[2, 2] == pytest.approx(36.0)
-    assert moved.inner[0, 0] == pytest.approx(4e12) and moved.inner[1, 1] == 0.0
-    assert 0.0 <= moved.probability(np.full(3, 9.0), 0.1) <= 1.0
+def test_a_direction_of_no_length_is_orthogonal_to_the_others():
+    """That of a rival that explains as much."""
+    found = cosines(np.array([[4.0, 3.0, 0.0], [3.0, 9.0, 0.0], [0.0, 0.0, 0.0]]))
+    assert found == pytest.approx(np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]))
+
+
+def test_a_parameter_at_a_bound_is_left_out():
+    one = replace(explanations()[0], growth=Growth(np.ones(READINGS), np.ones((READINGS, 2))))
+    kept = one.keeping(np.array([False, True]))
+    assert kept.names == ("own",) and kept.values == pytest.approx([1.5])
+    assert kept.jacobian == pytest.approx(one.jacobian[:, 1:]) and kept.growth.jacobian.shape == (READINGS, 1)

@@ -121,12 +121,17 @@ class EffectFit:
         return float(np.sqrt(_covariance(others)[k, k]))
 
     @property
-    def at_bound(self) -> tuple[EffectParameters, ...]:
-        """The effects with a parameter at a bound of its search range."""
+    def names_at_bound(self) -> frozenset[str]:
+        """The parameters of effects that are at a bound of their search range."""
         p = self.parameters
         distance = np.minimum(np.subtract(p.values, p.lower), np.subtract(p.upper, p.values))
         at_bound = distance <= np.multiply(_BOUND_TOLERANCE, p.scale)
-        return tuple(effect for effect in self.active if at_bound[p.indices(effect.names)].any())
+        return frozenset(name for one in self.active for name in one.names if at_bound[p.index(name)])
+
+    @property
+    def at_bound(self) -> tuple[EffectParameters, ...]:
+        """The effects with a parameter at a bound of its search range."""
+        return tuple(effect for effect in self.active if self.names_at_bound.intersection(effect.names))
 
     @cached_property
     def residual_at_rows(self) -> np.ndarray:

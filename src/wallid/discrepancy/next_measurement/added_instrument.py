@@ -38,7 +38,7 @@ class _RecordWithInstrument(ChangedRecord):
         predicted, slopes = linearise(problem.model, problem.bins, parameters, names, linear=linear)
         mask = np.asarray(parameters.estimated)
         values, prior_std = (np.asarray(part)[mask] for part in (parameters.values, parameters.prior_std))
-        return Explanation(problem.binned(predicted), slopes.T, values, prior_std, present.penalty)
+        return Explanation(names, problem.binned(predicted), slopes.T, values, prior_std, present.penalty)
 
 
 class RecordWithPlate(_RecordWithInstrument):

@@ -141,15 +141,19 @@ class _Prediction:
             zeros if _is_of_a_sensor(name) else self.columns[name][rows] for name in self.fit.parameters.estimated_names
         ]
         gradient = self.columns[f"{SensorPositions.kind}[{problem.case.sensors[slot].name}]"][rows]
-        errors = ((sensor.offset_std, np.ones(bins)), (sensor.position_std, gradient))
-        own = [(std, column) for std, column in errors if std > 0]
-        new = np.stack([*shared, *(column for _, column in own)], axis=1)
+        errors = (
+            (SensorOffsets.kind, sensor.offset_std, np.ones(bins)),
+            (SensorPositions.kind, sensor.position_std, gradient),
+        )
+        own = [(f"{kind}[{sensor.name}]", std, column) for kind, std, column in errors if std > 0]
+        new = np.stack([*shared, *(column for *_, column in own)], axis=1)
         present = np.pad(explanation.jacobian, ((0, 0), (0, len(own))))
         return Explanation(
+            (*explanation.names, *(name for name, *_ in own)),
             np.concatenate([explanation.predicted, self.predicted[rows]]),
             np.concatenate([present, new]),
             np.concatenate([explanation.values, np.zeros(len(own))]),
-            np.concatenate([explanation.prior_std, [std for std, _ in own]]),
+            np.concatenate([explanation.prior_std, [std for _, std, _ in own]]),
             explanation.penalty,
         )
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Int
 
-from ...inference.noise_covariance import BinnedReadings
+from ...inference.noise_covariance import BinnedReadings, NoiseCovariance
 from ...inference.parameters import Parameters
 from ..effect_fit import EffectFit
 from ..problem import DiagnosisProblem, diagnosis_problem
@@ -93,6 +93,10 @@ class CandidateRecord(ABC):
         first = self.present.fits[0]
         return self.problem.noise_shape(self.next_parameters(first), bins).covariance_like(first.noise).whitening
 
+    def whitened_refit(self, explanation: Explanation, noise: NoiseCovariance) -> Explanation:
+        """What a fit of `problem`, with some noise, predicts for its readings, whitened."""
+        return explanation.whitened(noise.whitening)
+
     def next_name(self, name: str) -> str:
         """The name in the next record of a parameter of the present one."""
         return name
@@ -134,8 +138,14 @@ class LongerRecord(CandidateRecord):
     @cached_property
     def explanations(self) -> tuple[Explanation, ...]:
         """Those of the present record, in the bins of this one."""
-        average = self._bins.in_coarser_bins(self.present.problem.bins)
-        return tuple(one.mapped(average) for one in self.present.explanations)
+        return tuple(self._in_its_bins(one) for one in self.present.explanations)
+
+    def _in_its_bins(self, explanation: Explanation) -> Explanation:
+        return explanation.mapped(self._bins.in_coarser_bins(self.present.problem.bins))
+
+    def whitened_refit(self, explanation: Explanation, noise: NoiseCovariance) -> Explanation:
+        """What a fit of the present record predicts, as means over longer bins, with the noise of these."""
+        return self._in_its_bins(explanation).whitened(self.whitening)
 
     @cached_property
     def whitening(self) -> np.ndarray:

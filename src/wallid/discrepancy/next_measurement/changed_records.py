@@ -45,7 +45,7 @@ class ChangedRecord(CandidateRecord):
         names = [self.next_name(name) for name in fit.parameters.estimated_names]
         linear = problem.is_linear(fit.active)
         predicted, slopes = linearise(problem.model, problem.bins, parameters, names, linear=linear)
-        return replace(present, predicted=problem.binned(predicted), jacobian=slopes.T)
+        return replace(present, names=tuple(names), predicted=problem.binned(predicted), jacobian=slopes.T)
 
     @cached_property
     def whitening(self) -> np.ndarray:
@@ -175,13 +175,13 @@ class SwappedRecord(ChangedRecord):
     def _with_effect(self, beside: Explanation, one: EffectParameters, column: np.ndarray) -> Explanation:
         """An explanation with one more effect, in the place of the error with a prior that it replaces."""
         replaced = self.problem.replaced_errors((one,))
-        names = self.present.fits[-1].parameters.estimated_names
-        kept = [self.next_name(name) not in replaced for name in names]
+        kept = beside.keeping(np.array([name not in replaced for name in beside.names]))
         return replace(
-            beside,
-            jacobian=np.column_stack([beside.jacobian[:, kept], column]),
-            values=np.append(beside.values[kept], 0.0),
-            prior_std=np.append(beside.prior_std[kept], np.inf),
+            kept,
+            names=(*kept.names, one.names[0]),
+            jacobian=np.column_stack([kept.jacobian, column]),
+            values=np.append(kept.values, 0.0),
+            prior_std=np.append(kept.prior_std, np.inf),
             growth=None,  # the record has the length of the present one
         )
 

@@ -16,6 +16,7 @@ from ..selection.effect_results import NamedEffect
 from ..selection.score_test import same_effect_and_target
 from ..selection.stepwise_selection import added_effect
 from .candidate_records import CandidateRecord
+from .possible_truths import PossibleTruths, possible_truths
 from .present_record import PresentRecord
 from .separation import FitWithoutNoise, Separation, separation
 
@@ -51,11 +52,9 @@ class ConfusableSet:
         return np.asarray(weights / weights.sum())
 
     @cached_property
-    def relative_stds(self) -> np.ndarray:
-        """Standard deviation of each effect's size at its fitted position over the size, at most 1, `(effect,)`."""
-        pairs = zip(self.present.fits, self.effects, strict=False)
-        values = [(fit.std_of_size(effect), abs(float(fit.parameters[effect.names[0]]))) for fit, effect in pairs]
-        return np.array([min(std / size, 1.0) if size > 0 else 1.0 for std, size in values])
+    def possible_truths(self) -> tuple[PossibleTruths, ...]:
+        """What each of the effects may be where it is the true one."""
+        return tuple(possible_truths(fit, effect) for fit, effect in zip(self.present.fits, self.effects, strict=False))
 
     def separations(self, candidate: CandidateRecord) -> tuple[Separation, ...]:
         """How the others fall behind each of the effects where it is the true one, by the derivatives.
@@ -68,8 +67,14 @@ class ConfusableSet:
             for explanations in (candidate.whitened_explanations, candidate.whitened_further)
         )
         return tuple(
-            separation(fits[k], [*(fits[j] for j in self.rivals_of(k)), *further]) for k in range(len(self.effects))
+            separation(fits[k], [*(fits[j] for j in self.rivals_of(k)), *further], self.next_truths(candidate, k))
+            for k in range(len(self.effects))
         )
+
+    def next_truths(self, candidate: CandidateRecord, k: int) -> PossibleTruths:
+        """What effect k may be, by the names of the next record."""
+        truths = self.possible_truths[k]
+        return truths._replace(names=tuple(map(candidate.next_name, truths.names)))
 
     def rivals_of(self, k: int) -> tuple[int, ...]:
         """The fits of the present record that have another effect than the k-th, and last the one without any."""
@@ -80,10 +85,7 @@ class ConfusableSet:
 
     def probability(self, separations: Sequence[Separation]) -> float:
         """The probability that the true effect is named and has no alternative, over which of them is true."""
-        each = [
-            one.probability(self._criteria(k, len(one.excess)), std)
-            for k, (one, std) in enumerate(zip(separations, self.relative_stds, strict=True))
-        ]
+        each = [one.probability(self._criteria(k, len(one.penalties))) for k, one in enumerate(separations)]
         return float(self.weights @ each)
 
     def _criteria(self, k: int, rivals: int) -> np.ndarray:

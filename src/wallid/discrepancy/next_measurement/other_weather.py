@@ -9,13 +9,15 @@ the whitened misfit m of an explanation and its derivatives Z, the squared resid
 
 The weights are n times those of a Dirichlet distribution, whose concentration is 0.3. The total of a quantity over the
 blocks then has a little more than twice the variance that the blocks' own spread gives: the next campaign is one draw
-from the climate, and so is the present one, by which it is judged.
+from the climate, and so is the present one, by which it is judged. A next campaign of L times the length has 1 / L of
+the variance of its own, so the weights differ from 1 by `sqrt((1 + 1 / L) / 2)` of that.
 
 Source: D. B. Rubin, The Bayesian bootstrap, Ann. Stat. 9 (1981), 130.
 """
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 
 import numpy as np
@@ -47,9 +49,15 @@ def blocks_of_days(readings: int, instruments: int, days: float) -> Int[np.ndarr
     return np.tile(np.arange(bins) * blocks // bins, instruments)
 
 
-def weights_of_blocks(blocks: int) -> Float[np.ndarray, "draw block"]:
-    """The weights of blocks of days in each draw, of mean 1 over the blocks."""
-    return blocks * np.random.default_rng(0).dirichlet(np.full(max(blocks, 1), _CONCENTRATION), _DRAWS)[:, :blocks]
+def weights_of_blocks(blocks: int, length: float) -> Float[np.ndarray, "draw block"]:
+    """The weights of blocks of days in each draw, of mean 1 over the blocks.
+
+    Args:
+        blocks: their number in the present record.
+        length: of the next record, in lengths of the present one.
+    """
+    drawn = np.random.default_rng(0).dirichlet(np.full(max(blocks, 1), _CONCENTRATION), _DRAWS)[:, :blocks]
+    return 1.0 + math.sqrt(0.5 * (1.0 + 1.0 / length)) * (blocks * drawn - 1.0)
 
 
 class LeastSquaresInOtherWeather:
@@ -59,26 +67,36 @@ class LeastSquaresInOtherWeather:
         slopes: derivative of the whitened readings by each parameter, with the rows of the priors below,
             `(row, param)`.
         blocks: of each reading; the priors are the same in any weather, `(reading,)`.
+        length: of the next record, in lengths of the present one.
     """
 
-    def __init__(self, slopes: Float[np.ndarray, "row param"], blocks: Int[np.ndarray, " reading"]):
+    def __init__(self, slopes: Float[np.ndarray, "row param"], blocks: Int[np.ndarray, " reading"], length: float):
         size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
         left, value, _ = np.linalg.svd(slopes / size, full_matrices=False)
         self._basis = left[:, value > _RCOND * value.max(initial=0.0)]
         self._blocks = np.pad(blocks, (0, len(slopes) - len(blocks)), constant_values=SAME_WEATHER)
+        self._length = length
 
     def residual(self, misfit: Float[np.ndarray, " row"]) -> Float[np.ndarray, " row"]:
         """The residual of the best fit to a misfit in the present weather."""
         return misfit - self._basis @ (self._basis.T @ misfit)
 
-    def squared_residuals(self, misfit: Float[np.ndarray, " row"]) -> Float[np.ndarray, " draw"]:
-        """The squared residual of the best fit in each draw of the weather."""
+    def trace_of_projection(self, readings: int) -> float:
+        """The trace of the projection on the slopes, over the first rows, which are readings."""
+        return float(np.sum(self._basis[:readings] ** 2))
+
+    def inner_products(self, misfits: Float[np.ndarray, "row misfit"]) -> Float[np.ndarray, "draw misfit misfit"]:
+        """The inner products of the residuals of the best fits to several misfits, in each draw of the weather.
+
+        That of a misfit with itself is its squared residual. For the misfits M, the basis B and the weights w
+        these are the Schur complement `M' w M - M' w B (B' w B)^-1 B' w M`.
+        """
         weights, normal_matrices = self._weights_and_normal_matrices
-        slopes = np.stack([self._basis[rows].T @ misfit[rows] for rows in self._rows])
-        squares = np.array([misfit[rows] @ misfit[rows] for rows in self._rows])
-        products = weights @ slopes
-        steps = np.linalg.solve(normal_matrices, products[..., None])[..., 0]
-        return np.maximum(weights @ squares - np.sum(steps * products, axis=1), 0.0)
+        slopes = np.stack([self._basis[rows].T @ misfits[rows] for rows in self._rows])
+        products = np.stack([misfits[rows].T @ misfits[rows] for rows in self._rows])
+        weighted = np.tensordot(weights, slopes, axes=1)
+        steps = np.linalg.solve(normal_matrices, weighted)
+        return np.tensordot(weights, products, axes=1) - np.swapaxes(weighted, 1, 2) @ steps
 
     @cached_property
     def _rows(self) -> list[np.ndarray]:
@@ -88,7 +106,7 @@ class LeastSquaresInOtherWeather:
     @cached_property
     def _weights_and_normal_matrices(self) -> tuple[np.ndarray, np.ndarray]:
         """The weights, `(draw, rows)`, and in the orthonormal basis the normal matrices, `(draw, param, param)`."""
-        of_blocks = weights_of_blocks(len(self._rows) - 1)
+        of_blocks = weights_of_blocks(len(self._rows) - 1, self._length)
         weights = np.column_stack([np.ones(len(of_blocks)), of_blocks])
         grams = np.stack([self._basis[rows].T @ self._basis[rows] for rows in self._rows])
         return weights, np.tensordot(weights, grams, axes=1) + _RIDGE * np.eye(self._basis.shape[1])

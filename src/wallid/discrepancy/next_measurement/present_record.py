@@ -64,6 +64,7 @@ def explanation_of(fit: EffectFit) -> Explanation:
     mask = np.asarray(parameters.estimated)
     jacobian, _ = fit.unwhitened()
     return Explanation(
+        parameters.estimated_names,
         fit.problem.binned(fit.predicted),
         jacobian,
         np.asarray(parameters.values)[mask],

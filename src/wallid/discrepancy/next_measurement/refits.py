@@ -10,66 +10,98 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from ...inference.likelihood import LOG_DIFFUSIVITY
 from ...inference.noise_covariance import NoiseCovariance, bin_readings
 from ...models.flux_plates import fluxes_of
-from ..effect_fit import EffectFit, refit
+from ..effect_fit import EffectFit, linearised_at, refit
 from ..model_with_effects import linearise
 from ..problem import DiagnosisProblem, EffectParameters
 from ..selection.candidate_fits import CandidateFits
 from ..selection.score_test import CandidateScores
-from .candidate_records import CandidateRecord, LongerRecord
+from .candidate_records import CandidateRecord
 from .confusable_sets import ConfusableSet
-from .other_weather import LeastSquaresInOtherWeather
-from .separation import Separation, mean_weather, ratio_of_excess
+from .present_record import explanation_of
+from .separation import Explanation, FitWithoutNoise, Separation, separation
 
 _TRUE, _NEAREST = 3, 3  # effects that are taken as the true one, and rivals of each, for which refits are made
 _CLEAR_EXCESS = 60.0  # of a penalised cost: a rival that far behind is excluded whatever a refit says
 
 
-def refitted_separations(confusable: ConfusableSet, candidate: CandidateRecord) -> tuple[Separation, ...]:
-    """How the others fall behind each effect of a set, by refits where they matter and by the derivatives elsewhere."""
-    most_probable = np.argsort(-confusable.weights)[:_TRUE]
+class Refits(NamedTuple):
+    """Fits to the readings of the next record that one effect of a set predicts, without noise.
+
+    Args:
+        true: what the effect predicts.
+        rivals: the fits of some rivals, by their indices in `ConfusableSet.rivals_of`.
+    """
+
+    true: EffectFit
+    rivals: dict[int, EffectFit]
+
+
+def refits_without_noise(confusable: ConfusableSet, candidate: CandidateRecord) -> dict[int, Refits]:
+    """The refits where they matter: the most probable effects of a set as the true one, and their nearest rivals."""
+    derivatives = confusable.separations(candidate)
+    return {
+        int(k): _refits(confusable, candidate, int(k), derivatives[k]) for k in np.argsort(-confusable.weights)[:_TRUE]
+    }
+
+
+def refitted_separations(
+    confusable: ConfusableSet, candidate: CandidateRecord, refits: dict[int, Refits]
+) -> tuple[Separation, ...]:
+    """How the others fall behind each effect of a set, by refits where there are some and by the derivatives elsewhere.
+
+    Args:
+        confusable: the set.
+        candidate: the next record.
+        refits: of this record; for a longer one, those of a repeat of the present one.
+    """
     return tuple(
-        _refitted(confusable, candidate, k, one) if k in most_probable else one
+        _with_refits(confusable, candidate, k, one, refits[k]) if k in refits else one
         for k, one in enumerate(confusable.separations(candidate))
     )
 
 
-def lengthened_separations(
-    confusable: ConfusableSet, longer: LongerRecord, refitted_repeat: tuple[Separation, ...]
-) -> tuple[Separation, ...]:
-    """The same for a longer record: the refits of a repeat, multiplied as the derivatives say."""
-    repeat = confusable.separations(LongerRecord(longer.present, 1.0))
-    return tuple(
-        many.with_excess(
-            exact.excess * many.excess / np.maximum(once.excess, 1e-12),
-            mean_weather(exact.weather, longer.length),
-        )
-        for many, once, exact in zip(confusable.separations(longer), repeat, refitted_repeat, strict=True)
+def _refits(confusable: ConfusableSet, candidate: CandidateRecord, k: int, derivative: Separation) -> Refits:
+    """The refits where effect k of the set is the true one."""
+    problem, fits = candidate.problem, confusable.present.fits
+    parameters = candidate.next_parameters(fits[k])
+    covariance = problem.noise_shape(parameters).covariance_like(fits[0].noise)
+    predicted = _with_readings_of(candidate, fits[k])
+    refits = _RefitsWithoutNoise(candidate, CandidateFits(predicted), covariance)
+    rivals, excess = confusable.rivals_of(k), derivative.excess.mean(axis=0)
+    nearest = np.argsort((excess + derivative.penalties)[: len(rivals)])[:_NEAREST]
+    return Refits(
+        linearised_at(predicted, same_effects(candidate, fits[k]), parameters, covariance),
+        {int(j): refits.best(fits[rivals[j]]) for j in nearest if excess[j] < _CLEAR_EXCESS},
     )
 
 
-def _refitted(confusable: ConfusableSet, candidate: CandidateRecord, k: int, derivative: Separation) -> Separation:
-    """The refits where effect k of the set is the true one."""
-    problem, fits = candidate.problem, confusable.present.fits
-    true = fits[k]
-    covariance = problem.noise_shape(candidate.next_parameters(true)).covariance_like(fits[0].noise)
-    refits = _RefitsWithoutNoise(candidate, CandidateFits(_with_readings_of(candidate, true)), covariance)
-    own, rivals = refits.best(true), [fits[j] for j in confusable.rivals_of(k)]
-    own_squares = refits.squared_residuals(own)
-    excess, weather = np.array(derivative.excess), np.array(derivative.weather)
-    with_fit = (excess + derivative.penalties)[: len(rivals)]
-    for j in np.argsort(with_fit)[:_NEAREST]:
-        if excess[j] < _CLEAR_EXCESS:
-            rival = refits.best(rivals[j])
-            excess[j] = max(rival.cost - own.cost, 0.0)
-            in_draws = refits.squared_residuals(rival) - own_squares
-            weather[:, j] = ratio_of_excess(in_draws[:, None], excess[j, None])[:, 0]
-    return derivative.with_excess(excess, weather)
+def _with_refits(
+    confusable: ConfusableSet, candidate: CandidateRecord, k: int, derivative: Separation, refits: Refits
+) -> Separation:
+    """The separations of effect k, with those of the refits for the rivals that have one."""
+    explained = [
+        candidate.whitened_refit(one, refits.true.noise)
+        for one in (explanation_of(refits.true), *map(_within_bounds, refits.rivals.values()))
+    ]
+    blocks, length = candidate.blocks(len(explained[0].predicted)), candidate.length
+    true, *rivals = (FitWithoutNoise(one, length, blocks) for one in explained)
+    exact = separation(true, rivals, confusable.next_truths(candidate, k))
+    excess, penalties, refitted = np.array(derivative.excess), np.array(derivative.penalties), list(refits.rivals)
+    excess[:, refitted], penalties[refitted] = exact.excess, exact.penalties
+    return replace(derivative, excess=excess, penalties=penalties)
+
+
+def _within_bounds(fit: EffectFit) -> Explanation:
+    """The readings by a fit, linear in the parameters that are at no bound: there the others alone can change."""
+    explanation = explanation_of(fit)
+    return explanation.keeping(np.array([name not in fit.names_at_bound for name in explanation.names]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,11 +124,6 @@ class _RefitsWithoutNoise:
         best = [k for one in from_present.active if one in self._searched for k in self._scores.candidates_of(one)[:1]]
         tried = [from_present, *(self.fits.add_candidates(self._scores, (k,)) for k in best)]
         return min(tried, key=lambda one: one.cost)
-
-    def squared_residuals(self, fit: EffectFit) -> np.ndarray:
-        """The squared residual of a fit in each draw of the weather, linear about it, `(draw,)`."""
-        blocks = self.candidate.blocks(len(fit.noise.whitening))
-        return LeastSquaresInOtherWeather(fit.jacobian, blocks).squared_residuals(fit.residual)
 
     def _refit(self, fit: EffectFit) -> EffectFit:
         """The fit with the same effects, from the parameters that they have in the present record."""

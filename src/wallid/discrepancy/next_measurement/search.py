@@ -15,7 +15,7 @@ from .changed_records import changed_records, swapped_records
 from .confusable_sets import ConfusableSet, confusable_sets
 from .informative_records import open_diffusivities
 from .present_record import PresentRecord
-from .refits import lengthened_separations, refitted_separations
+from .refits import refits_without_noise, refitted_separations
 from .unlogged_columns import unlogged_columns
 
 _PROBABLE_ENOUGH = 0.9  # from which no longer record is tried
@@ -57,7 +57,7 @@ def _for_confusable(
     """The actions for one set: all by the derivatives, then the best by refits."""
     present = confusable.present
     repeat = LongerRecord(present, 1.0)
-    exact_repeat = refitted_separations(confusable, repeat)
+    refits_of_repeat = refits_without_noise(confusable, repeat)
     progress(0.3)
     tried = _tried(present, lambda record: confusable.probability(confusable.separations(record)), efforts, weather)
     ranked = _best_of_each_kind(tried)
@@ -65,14 +65,12 @@ def _for_confusable(
     for count, (record, action) in enumerate(ranked):
         if count < _REFITTED:
             progress(0.4 + 0.6 * count / _REFITTED)
-            exact = (
-                lengthened_separations(confusable, record, exact_repeat)
-                if isinstance(record, LongerRecord)
-                else refitted_separations(confusable, record)
-            )
+            longer = isinstance(record, LongerRecord)
+            refits = refits_of_repeat if longer else refits_without_noise(confusable, record)
+            exact = refitted_separations(confusable, record, refits)
             action = replace(action, probability=confusable.probability(exact))
         actions.append(action)
-    now = confusable.probability(exact_repeat)
+    now = confusable.probability(refitted_separations(confusable, repeat, refits_of_repeat))
     effects = confusable.distinct_effects
     labels = tuple(present.problem.label(one.effect) for one in effects)
     return _prescription(effects, labels, now, actions, _kinds(tried), _sensor_curve(tried))

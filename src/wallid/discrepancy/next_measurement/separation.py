@@ -4,16 +4,18 @@ An explanation i predicts readings mu_i, with a Jacobian J_i and priors on its p
 an explanation j to the readings without noise leaves the whitened residual `r_ij`, with the prior residuals below it.
 The penalised cost of j exceeds that of i, with noise, by
 
-    Delta_ij = |r_ij|^2 - |r_ii|^2 + c_j - c_i + 2 (r_ij - r_ii)' eps,      eps ~ N(0, I)
+    Delta_ij = |r_ij|^2 - |r_ii|^2 + c_j - c_i - (q_j - q_i) + 2 (r_ij - r_ii)' eps,      eps ~ N(0, I)
 
-because what the noise adds to both fits is nearly the same. The true one is named, and no other is an alternative,
-where `Delta_ij` exceeds the criterion of every rival j. For one rival with `d^2 = |r_ij|^2` and criterion c that is
+where q is the trace of the matrix that projects the readings on the fitted ones: a fit with one parameter more gains 1
+from the noise in the mean. The true one is named, and no other is an alternative, where `Delta_ij` exceeds the
+criterion of every rival j. For one rival with `d^2 = |r_ij|^2` and criterion c that is
 
     P = Phi((d^2 - c) / (2 d))
 
 A record of n times the length has the readings n times with the same parameters, and what grows with time, such as a
-drift, goes on growing. The true size differs from the fitted one by its uncertainty; a size of s times the fitted one
-has s times the residual. The weather differs from that of the present record, and with it the excess (`other_weather`).
+drift, goes on growing. The true effect differs from the fitted one by what the present record leaves open, delta
+(`possible_truths`): its readings are `mu_i + J_i delta`. The weather differs from that of the present record
+(`other_weather`).
 
 Source: A. C. Atkinson, V. V. Fedorov, Biometrika 62 (1975), 57 (designs that discriminate between two models).
 """
@@ -29,9 +31,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .other_weather import LeastSquaresInOtherWeather
+from .possible_truths import PossibleTruths
 
 _DRAWS = 4000
-_MOST_RATIO = 20.0  # of an excess in other weather: where it is nearly nothing, the ratio says nothing
 
 
 class Growth(NamedTuple):
@@ -51,6 +53,7 @@ class Explanation:
     """The readings that one explanation predicts, linear in its parameters.
 
     Args:
+        names: of the parameters, `(param,)`.
         predicted: readings, K; or whitened ones, dimensionless, `(reading,)`.
         jacobian: derivative by each parameter, per unit, `(reading, param)`.
         values: of the parameters minus their prior means, `(param,)`.
@@ -59,6 +62,7 @@ class Explanation:
         growth: of an effect that grows with time; None for none.
     """
 
+    names: tuple[str, ...]
     predicted: np.ndarray = field(repr=False)
     jacobian: np.ndarray = field(repr=False)
     values: np.ndarray
@@ -77,6 +81,18 @@ class Explanation:
             growth = Growth(function(growth.predicted), function(growth.jacobian.T).T)
         predicted, jacobian = function(self.predicted), function(self.jacobian.T).T
         return replace(self, predicted=predicted, jacobian=jacobian, growth=growth)
+
+    def keeping(self, kept: np.ndarray) -> Explanation:
+        """The same with some of its parameters, by a mask; the others keep their values."""
+        growth = self.growth if self.growth is None else self.growth._replace(jacobian=self.growth.jacobian[:, kept])
+        return replace(
+            self,
+            names=tuple(name for name, keep in zip(self.names, kept, strict=True) if keep),
+            jacobian=self.jacobian[:, kept],
+            values=self.values[kept],
+            prior_std=self.prior_std[kept],
+            growth=growth,
+        )
 
     def std(self, param: int, length: float) -> float:
         """The expected standard error of a parameter, by its index, from whitened readings; `length` as before."""
@@ -114,22 +130,36 @@ class FitWithoutNoise:
 
     def __init__(self, explanation: Explanation, length: float, blocks: Int[np.ndarray, " reading"]):
         self.explanation, self.length = explanation, length
-        self._problem = LeastSquaresInOtherWeather(explanation.slopes(length), np.tile(blocks, math.ceil(length)))
+        blocks = np.tile(blocks, math.ceil(length))
+        self._problem = LeastSquaresInOtherWeather(explanation.slopes(length), blocks, length)
 
     @property
     def readings(self) -> int:
         """The number of readings; the rows of the priors follow them."""
         return len(self.explanation.predicted) * math.ceil(self.length)
 
-    def residuals(self, true: Explanation) -> tuple[Float[np.ndarray, " row"], Float[np.ndarray, " draw"]]:
-        """The residual of the best fit to the readings of a true explanation, with the prior residuals below.
+    def residual(self, true: Explanation) -> Float[np.ndarray, " row"]:
+        """The residual of the best fit to the readings of a true explanation, with the prior residuals below."""
+        return self._problem.residual(self._misfit(true))
 
-        Also its square in each draw of the weather, which is the same in each length of the record.
-        """
+    @property
+    def fitted_directions(self) -> float:
+        """The trace of the matrix that projects the readings on the fitted ones: less than the parameters by priors."""
+        return self._problem.trace_of_projection(self.readings)
+
+    def squared_residuals(self, true: Explanation, truths: PossibleTruths) -> Float[np.ndarray, " draw"]:
+        """The squared residual in each draw of the weather and of what the true effect may be."""
+        columns = [true.names.index(name) for name in truths.names]
+        changes = np.concatenate([root * true.jacobian_in(k)[:, columns] for k, root in _parts(self.length)])
+        changes = np.pad(changes, ((0, len(self.explanation.values)), (0, 0)))
+        products = self._problem.inner_products(np.column_stack([self._misfit(true), changes]))
+        weights = np.column_stack([np.ones(len(truths.draws)), truths.draws])
+        return np.maximum(np.einsum("ti,wij,tj->wt", weights, products, weights), 0.0).ravel()
+
+    def _misfit(self, true: Explanation) -> Float[np.ndarray, " row"]:
         own = self.explanation
         parts = [root * (true.predicted_in(k) - own.predicted_in(k)) for k, root in _parts(self.length)]
-        misfit = np.concatenate([*parts, -own.values / own.prior_std])
-        return self._problem.residual(misfit), self._problem.squared_residuals(misfit)
+        return np.concatenate([*parts, -own.values / own.prior_std])
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,75 +167,52 @@ class Separation:
     """How the rivals of a true explanation fall behind it.
 
     Args:
-        excess: expected excess of each rival's penalised cost at the fitted size, without the penalties, `(rival,)`.
-        inner: inner products of the residuals' differences, which give the covariance of the excess, `(rival, rival)`.
-        penalties: of each rival minus that of the true one, `(rival,)`.
-        weather: the excess in other weather over that in the present weather, `(draw, rival)`.
+        excess: of each rival's penalised cost without noise and without the penalties, in each draw of the weather and
+            of the true effect, `(draw, rival)`.
+        cosine: between the directions in which the noise changes each two of them, `(rival, rival)`.
+        penalties: of each rival minus that of the true one, less what the noise gives to its further parameters,
+            `(rival,)`.
     """
 
     excess: np.ndarray
-    inner: np.ndarray
+    cosine: np.ndarray
     penalties: np.ndarray
-    weather: np.ndarray
 
-    def with_excess(self, excess: Float[np.ndarray, " rival"], weather: Float[np.ndarray, "draw rival"]) -> Separation:
-        """The same directions of the residuals with other squared distances, and their ratios in other weather.
-
-        A rival whose expected excess is not positive has the length of its own direction as the distance so far; one
-        without a direction keeps none.
-        """
-        distance = np.where(self.excess > 0.0, self.excess, np.diag(self.inner))
-        has_direction = np.diag(self.inner) > 0.0
-        factor = np.sqrt(np.maximum(excess, 0.0) / np.where(has_direction, distance, 1.0))
-        return replace(self, excess=excess, inner=self.inner * np.outer(factor, factor), weather=weather)
-
-    def probability(self, criteria: Float[np.ndarray, " rival"], relative_std: float) -> float:
-        """The probability that the excess of every rival is over its criterion.
+    def probability(self, criteria: Float[np.ndarray, " rival"]) -> float:
+        """The probability that the true one is named and no rival is an alternative.
 
         Args:
             criteria: the excess of the penalised cost that each rival must have.
-            relative_std: standard deviation of the true size over the fitted size.
         """
-        if not len(self.excess):
-            return 1.0
         random = np.random.default_rng(0)
-        value, vector = np.linalg.eigh(self.inner)
-        root = vector * np.sqrt(np.maximum(value, 0.0))
-        noise = random.standard_normal((_DRAWS // 2, len(value))) @ root.T
-        sizes = 1.0 + relative_std * random.standard_normal((_DRAWS // 2, 1))
-        sizes, noise = np.concatenate([sizes, sizes]), np.concatenate([noise, -noise])
-        weather = np.resize(self.weather, noise.shape)  # one draw of the weather after the other
-        excess = sizes**2 * weather * self.excess + 2.0 * sizes * np.sqrt(weather) * noise + self.penalties
-        return float(np.mean(np.all(excess > criteria, axis=1)))
+        value, vector = np.linalg.eigh(self.cosine)
+        noise = random.standard_normal((_DRAWS // 2, len(value))) @ (vector * np.sqrt(np.maximum(value, 0.0))).T
+        excess = np.resize(self.excess, (_DRAWS, len(value)))  # one draw after the other
+        with_noise = excess + 2.0 * np.sqrt(np.maximum(excess, 0.0)) * np.concatenate([noise, -noise]) + self.penalties
+        return float(np.mean(np.all(with_noise > criteria, axis=1)))
 
 
-def separation(true: FitWithoutNoise, rivals: Sequence[FitWithoutNoise]) -> Separation:
+def separation(true: FitWithoutNoise, rivals: Sequence[FitWithoutNoise], truths: PossibleTruths) -> Separation:
     """How rivals fall behind a true explanation.
 
     Args:
         true: the fit of the true explanation.
         rivals: those of the others, to the same record.
+        truths: what the true effect may be.
     """
-    own, own_squares = true.residuals(true.explanation)
-    of_rivals = [rival.residuals(true.explanation) for rival in rivals]
-    rests = [rest for rest, _ in of_rivals]
-    excess = np.array([rest @ rest - own @ own for rest in rests])
-    differences = np.array([rest[: true.readings] - own[: true.readings] for rest in rests])
-    differences = differences.reshape(len(rivals), true.readings)
-    penalties = np.array([rival.explanation.penalty - true.explanation.penalty for rival in rivals])
-    in_draws = np.array([squares - own_squares for _, squares in of_rivals])
-    weather = ratio_of_excess(in_draws.reshape(len(rivals), len(own_squares)).T, excess)
-    return Separation(excess, differences @ differences.T, penalties, mean_weather(weather, true.length))
+    own = true.squared_residuals(true.explanation, truths)
+    excess = np.array([rival.squared_residuals(true.explanation, truths) - own for rival in rivals])
+    own_residual = true.residual(true.explanation)[: true.readings]
+    directions = np.array([rival.residual(true.explanation)[: true.readings] - own_residual for rival in rivals])
+    directions = directions.reshape(len(rivals), true.readings)
+    own_penalty = true.explanation.penalty - true.fitted_directions
+    penalties = np.array([rival.explanation.penalty - rival.fitted_directions - own_penalty for rival in rivals])
+    return Separation(excess.reshape(len(rivals), len(own)).T, cosines(directions @ directions.T), penalties)
 
 
-def ratio_of_excess(
-    in_draws: Float[np.ndarray, "draw rival"], excess: Float[np.ndarray, " rival"]
-) -> Float[np.ndarray, "draw rival"]:
-    """The excess in each draw of the weather over that in the present weather; 1 where that is nothing."""
-    ratio = in_draws / np.where(excess > 0.0, excess, np.inf)
-    return np.where(excess > 0.0, np.clip(ratio, 0.0, _MOST_RATIO), 1.0)
-
-
-def mean_weather(ratio: Float[np.ndarray, "draw rival"], length: float) -> Float[np.ndarray, "draw rival"]:
-    """The ratio in a record of some lengths, each of which has weather of its own: it varies less by the root of it."""
-    return np.maximum(1.0 + (ratio - 1.0) / math.sqrt(length), 0.0)
+def cosines(inner: Float[np.ndarray, "rival rival"]) -> Float[np.ndarray, "rival rival"]:
+    """The cosines of inner products; a direction of no length is orthogonal to the others."""
+    length = np.sqrt(np.diag(inner))
+    cosine = inner / np.maximum(np.outer(length, length), 1e-300)
+    cosine[np.diag_indices(len(cosine))] = 1.0
+    return cosine

@@ -28,7 +28,7 @@ from ..selection.acceptance import FIRST_EFFECT_LEVEL, FURTHER_EFFECT_LEVEL, RIV
 from ..selection.candidate_fits import CandidateFits
 from ..selection.score_test import CandidateScores
 from ..selection.stepwise_selection import MAX_EFFECTS
-from .separation import Separation
+from .separation import Separation, cosines
 
 _FACTORS = np.geomspace(0.5, 2.0, 5)  # of the typical size
 _CLEAREST_SKY = 600.0  # W/m2, irradiance on a wall at noon
@@ -89,11 +89,11 @@ def _chance(scores: CandidateScores, effect: EffectParameters) -> float:
     inner = scores.cosine[np.ix_(rivals, rivals)] * np.outer(cosine, cosine)
     inner = 1.0 - cosine[:, None] ** 2 - cosine[None, :] ** 2 + inner
     inner = np.block([[inner, (1.0 - cosine**2)[:, None]], [(1.0 - cosine**2)[None, :], np.ones((1, 1))]])
-    penalties, weather = np.zeros(len(rivals) + 1), np.ones((1, len(rivals) + 1))
-    once = Separation(squared * np.append(1.0 - cosine**2, 1.0), squared * inner, penalties, weather)
+    excess = np.outer(_FACTORS**2, squared * np.append(1.0 - cosine**2, 1.0))
+    penalties = np.append(np.zeros(len(rivals)), 1.0)  # the model without it has one parameter less
     level = FURTHER_EFFECT_LEVEL if scores.base.active else FIRST_EFFECT_LEVEL
     criteria = np.append(np.full(len(rivals), RIVAL), scores.threshold(level))
-    return float(np.mean([once.with_excess(f**2 * once.excess, weather).probability(criteria, 0.0) for f in _FACTORS]))
+    return Separation(excess, cosines(inner), penalties).probability(criteria)
 
 
 def typical_courses(record: Record, outside: int) -> dict[str, np.ndarray]:
