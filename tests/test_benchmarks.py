@@ -16,6 +16,7 @@ from benchmarks.accuracy.campaign_plans import house as house_of_plan
 from benchmarks.accuracy.discrepancy.scenarios import noise_covariance
 from benchmarks.accuracy.disturbance import SEED
 from benchmarks.accuracy.forecasts import kinds as kinds_of_forecasts
+from benchmarks.accuracy.next_measurement import fixed_advice
 from benchmarks.accuracy.plate_visibility import Visibility, with_signal_to_noise
 from benchmarks.reference.analytic_slab import fluxes, temperatures
 from benchmarks.reference.c_recurrence import compiled
@@ -40,6 +41,30 @@ from wallid.models.section import section_response
 
 def test_the_kinds_of_forecasts_have_the_seed_of_the_records_and_their_days():
     assert {(kind.seed, kind.days) for kind in kinds_of_forecasts(4.0)} == {(SEED, 4.0)}
+
+
+@pytest.mark.parametrize(
+    ("effects", "action"),
+    [
+        ({("sensor_lag", "T2"), ("clock_shift", None)}, {"kind": "swap", "sensors": ["T2", "T3"]}),
+        ({("face_offset", "right"), ("heat_source", None)}, {"kind": "swap", "sensors": ["T1", "T3"]}),
+        ({("surface_film", "left"), ("sensor_position", "T1")}, {"kind": "sensor", "share": 0.1}),
+        ({("face_depth", "right"), ("contact_resistance", None)}, {"kind": "sensor", "share": 0.95}),
+        ({("sensor_position", "T3"), ("layered_conductivity", None)}, {"kind": "sensor", "share": 0.95}),
+        ({("air_flow", None), ("lateral_loss", "outdoor")}, {"kind": "shade"}),
+        ({("wetting", None), ("phase_change", None)}, {"kind": "longer", "times": 3.0}),
+        ({("layered_capacity", None)}, {"kind": "sensor", "share": 0.65}),
+    ],
+)
+def test_the_fixed_sentence_is_taken_at_its_word(effects, action):
+    found = fixed_advice(Spec(length=0.5, positions=(0.1, 0.2, 0.45)), effects)
+    assert found == {key: pytest.approx(value) if key == "share" else value for key, value in action.items()}
+
+
+def test_one_sensor_cannot_be_swapped_so_another_is_added():
+    """In the widest gap."""
+    found = fixed_advice(Spec(length=0.5, positions=(0.1,)), {("sensor_lag", "T1")})
+    assert found["kind"] == "sensor" and found["share"] == pytest.approx(0.6)
 
 
 def measured(work, contender, taken, units=1, **error):

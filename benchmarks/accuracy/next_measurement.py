@@ -9,6 +9,7 @@ that were compared. The errors of places stay, also where two sensors are exchan
 
 The stated probability is averaged over which effect of the set is the true one, so sets without the hidden effect are
 counted apart. Records that no diagnosis could find, or that are clear at once, are left out before (`identifiability`).
+Beside each set stands what came of the fixed sentence of an earlier version, taken at its word (`fixed_advice`).
 Each outcome goes to a log of JSON lines, so that a long run goes on where it ended.
 """
 
@@ -37,6 +38,15 @@ _REFUSED = (
     {"kind": "sensor", "share": 0.25},
     {"kind": "sensor", "share": 0.75},
 )
+# of an earlier version: one sentence for each group of effects, which said that it "would tell them apart"
+_FIXED = (
+    ({"clock_shift", "sensor_lag", "face_lag"}, "swap"),
+    ({"sensor_offset", "face_offset", "sensor_gain", "sensor_drift", "heat_source"}, "swap"),
+    ({"sensor_position", "face_depth", "surface_film", "contact_resistance", "layered_conductivity"}, "near the face"),
+    ({"solar_gain", "lateral_loss", "air_flow"}, "shade"),
+    ({"diffusivity_drift", "wetting", "phase_change", "temperature_dependent_conductivity",
+      "temperature_dependent_capacity"}, "longer"),
+)  # fmt: skip
 
 
 def candidates(seed: int) -> Iterator[tuple[str, int, Spec]]:
@@ -48,6 +58,33 @@ def candidates(seed: int) -> Iterator[tuple[str, int, Spec]]:
             known = identifiability(spec)
             if known["free"] >= _LEAST and known["rivals"] < _CLEAR:
                 yield name, number, spec
+
+
+def fixed_advice(spec: Spec, effects: set[tuple[str, str | None]]) -> dict:
+    """The action that the fixed sentence for some effects meant.
+
+    Two sensors were to be swapped: one that the effects blame, and the one that is farthest from it. One more sensor
+    was to be near the face, or in the widest gap between the others. A longer record is three times as long.
+    """
+    names = {name for name, _ in effects}
+    advice = next((advice for group, advice in _FIXED if names & group), "in the gap")
+    blamed = sorted(target for _, target in effects if target in spec.names)
+    places = np.array(spec.positions) / spec.length
+    own = spec.names.index(blamed[0]) if blamed else 0
+    match advice:
+        case "swap" if len(places) > 1:
+            other = int(np.argmax(np.abs(places - places[own])))
+            return {"kind": "swap", "sensors": [spec.names[own], spec.names[other]]}
+        case "near the face":
+            is_right = "right" in {target for _, target in effects} or (blamed and places[own] > 0.5)
+            return {"kind": "sensor", "share": float((1.0 + places.max()) / 2 if is_right else places.min() / 2)}
+        case "shade":
+            return {"kind": "shade"}
+        case "longer":
+            return {"kind": "longer", "times": 3.0}
+    ends = np.concatenate([[0.0], np.sort(places), [1.0]])
+    widest = int(np.argmax(np.diff(ends)))
+    return {"kind": "sensor", "share": float(ends[widest : widest + 2].mean())}
 
 
 def measured_again(spec: Spec, action: dict) -> Spec:
@@ -150,7 +187,11 @@ def one(name: str, number: int, spec: Spec) -> Iterator[dict]:
         holds = any(_is(found, effect, spec.effects[0]) for effect in prescription.separate)
         line = base | {"set": list(prescription.labels), "holds_truth": holds, "now": prescription.now}
         noise = spec.noise_seed + 10**9
-        others = {_name(found, effect) for effect in prescription.separate} - {spec.effects[0][:2]}
+        all_names = {_name(found, effect) for effect in prescription.separate}
+        others = all_names - {spec.effects[0][:2]}
+        if holds:
+            fixed = fixed_advice(spec, all_names)
+            line |= {"fixed": fixed, "fixed_settled": _outcome(spec, fixed, noise, others)["settled"]}
         if prescription.actions:
             action = prescription.actions[0].to_dict()
             yield line | {"action": action, **_outcome(spec, action, noise, others)}
@@ -182,6 +223,11 @@ def summary(lines: list[dict]) -> Iterator[str]:
     yield "with the most probable action where none is proposed:"
     yield from _by_bins([*known, *(line for line in refused if line.get("refused"))], "settled")
     yield f"whether or not with the truth: {sum(line['settled'] for line in acted)} of {len(acted)} settled"
+    fixed = [line["fixed_settled"] for line in sets if "fixed_settled" in line]
+    yield f"the fixed sentence, which says 1: {sum(fixed)} of {len(fixed)}"
+    sure = [line for line in known if line["action"]["probability"] >= _BINS[-2] and "fixed_settled" in line]
+    of_sure = sum(line["fixed_settled"] for line in sure)
+    yield f"  where the chosen action says {_BINS[-2]} or more: {of_sure} of {len(sure)}"
     worked = sum(any(line["tried"].values()) for line in refused)
     yield f"nothing will: {len(refused)}; {worked} had an action that worked"
 

@@ -5,8 +5,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from wallid.discrepancy.effects.faces import SurfaceFilm
+from wallid.discrepancy.effects.plates import PlateResistance
+from wallid.discrepancy.problem import EffectParameters
 from wallid.discrepancy.selection import stepwise_selection
-from wallid.discrepancy.selection.stepwise_selection import StepwiseSelection, _has_one_more
+from wallid.discrepancy.selection.stepwise_selection import StepwiseSelection, _has_one_more, _is_special_case
 
 
 @dataclass(frozen=True)
@@ -113,3 +116,12 @@ def test_beside_a_negligible_effect_the_others_have_to_be_significant(what_is_ne
     selection.significant = False
     assert selection._without_negligible(Fit(("offset", "lag"))).active == ()
     assert selection._without_negligible(Fit(("lag", "drift"))).active == ("lag", "drift")
+
+
+def test_a_resistance_of_a_plate_is_a_special_case_of_a_film_of_its_face():
+    film, other = (EffectParameters(SurfaceFilm(side=side), (side,)) for side in ("left", "right"))
+    plate = EffectParameters(PlateResistance(side="left"), ("resistance",))
+    assert _is_special_case(Fit((plate,)), Fit(()), film)
+    assert not _is_special_case(Fit((film,)), Fit(()), plate), "the film has the wider range"
+    assert not _is_special_case(Fit((plate,)), Fit(()), other), "of the other face"
+    assert not _is_special_case(Fit((plate,)), Fit((other,)), film), "beside another effect, of another size of model"

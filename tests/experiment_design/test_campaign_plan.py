@@ -245,6 +245,23 @@ def test_a_campaign_may_go_past_the_end_of_the_year(folder):
     assert np.isfinite(search.years[2].errors(52, 300.0, Instruments((4,))).diffusivity)
 
 
+@pytest.mark.slow
+def test_a_heavy_unheated_wall_is_told_that_winter_tells_more(folder):
+    """And by how much."""
+    text = CASE.replace("length = 0.3", "length = 0.8").replace("azimuth = 180", 'azimuth = 225\nindoor = "unheated"')
+    text = text.replace('plates = ["right"]\n', "").replace("sensors = 2", "sensors = 1")
+    (folder / "heavy.toml").write_text(text)
+    found = wallid.plan(wallid.load_campaign(folder / "heavy.toml"))
+    assert found.start < 60 or found.start > 335, date_of(found.start)
+    assert 150 < found.worst_start < 245, date_of(found.worst_start)
+    assert 1.8 < found.season_ratio < 4.0
+    for text in (date_of(found.start), date_of(found.worst_start), f"{found.season_ratio:.1f} times as wide"):
+        assert text in found.season_sentence
+    days, median = np.array(found.season.days), found.season.median
+    january, august = (median[(first <= days) & (days < first + 31)] for first in (1, 213))
+    assert np.median(august) > 1.5 * np.median(january)
+
+
 def test_a_day_is_planned_whatever_the_windows_of_a_design_are(folder):
     """`window_days` is three by default, and may be less than a record of hours can have."""
     text = CASE.replace('plates = ["right"]\n', "").replace("sensors = 2", "sensors = 1")

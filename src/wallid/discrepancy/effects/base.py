@@ -47,7 +47,8 @@ class AbstractEffect(eqx.Module):
 
     Class attributes: `name`; `variant`, the form of the effect where it has several; `parameters`, of which the first
     is the size, 0 in the plain model; `linear`, whether the wall remains linear with coefficients constant in time;
-    `needs`, the regressors that the record must have.
+    `needs`, the regressors that the record must have; `special_case_of`, an effect that gives the same readings on the
+    same target in a wider range: this one is named where both explain a record alike.
     """
 
     name: ClassVar[str]
@@ -55,6 +56,7 @@ class AbstractEffect(eqx.Module):
     parameters: ClassVar[tuple[Parameter, ...]]
     linear: ClassVar[bool] = True
     needs: ClassVar[tuple[str, ...]] = ()
+    special_case_of: ClassVar[str] = ""
 
     @property
     def target(self) -> str | int | None:

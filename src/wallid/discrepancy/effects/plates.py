@@ -84,6 +84,7 @@ class PlateResistance(OnePlate):
 
     name: ClassVar[str] = "plate_resistance"
     parameters: ClassVar = (Parameter("resistance", "m2 K/W", 5e-3, smallest_reported=5e-4, lower=0.0, upper=0.03),)
+    special_case_of: ClassVar[str] = "surface_film"
     side: Side = eqx.field(static=True, default="left")
     resistance: Float[Array, ""] = parameter_field()
 

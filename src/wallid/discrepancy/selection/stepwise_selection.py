@@ -276,7 +276,9 @@ class StepwiseSelection:
                 starts = scores.candidates_of(effect_parameters)[1 : 1 + _STARTS]
                 fits += [self.fits.add_candidates(scores, (k,)) for k in starts]
             for other in fits:
-                if penalised_cost(other) < penalised_cost(best) - _CLEARLY_BETTER and self.fits.acceptable(other):
+                special = best is fit and _is_special_case(other, base, effect_parameters)
+                gain = -_CLEARLY_BETTER if special else _CLEARLY_BETTER
+                if penalised_cost(other) < penalised_cost(best) - gain and self.fits.acceptable(other):
                     best = other
         return best
 
@@ -332,6 +334,14 @@ class StepwiseSelection:
                 )
             )
         return tuple(sorted(named_effects, key=lambda named: -named.gain))
+
+
+def _is_special_case(fit: EffectFit, base: EffectFit, effect: EffectParameters) -> bool:
+    """Whether a fit has a special case of an effect in its place, which is named where both explain a record alike."""
+    if not _has_one_more(fit, base):
+        return False
+    added = added_effect(fit, base).effect
+    return (added.special_case_of, added.target) == (effect.effect.name, effect.effect.target)
 
 
 def _has_one_more(fit: EffectFit, base: EffectFit) -> bool:
