@@ -21,7 +21,7 @@ STAGES = ("check", "design", "learn", "orders", "estimate", "reliability", "leng
 @pytest.fixture(scope="module")
 def run():
     case = wallid.load("saint_julien")
-    part = case.record.window(0, 21 * 24)
+    part = case.record.window(0, 14 * 24)
     case = replace(case, record=part, choices=replace(case.choices, nodes=41, order=4))
     return workflow.run(case, stages=STAGES)
 

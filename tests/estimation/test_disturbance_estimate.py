@@ -80,7 +80,7 @@ def test_the_interval_holds_the_truth_with_a_disturbance(kind, places):
     assert "no column explains" in str(fit) and "disturbance" in fit.variance_shares
 
 
-@pytest.mark.parametrize(("logged", "number"), [("plates", 32), ("sensors", 359)])
+@pytest.mark.parametrize(("logged", "number"), [("plates", 32), pytest.param("sensors", 359, marks=pytest.mark.slow)])
 def test_a_large_disturbance_is_found_where_it_is(logged, number):
     """Under the noise alone these records give a third of the diffusivity and less.
 
@@ -112,6 +112,7 @@ def test_the_first_search_does_not_lead_to_heat_of_another_depth():
     assert full_order_fit(case, rows_used=half, heat_among=()).disturbance is None
 
 
+@pytest.mark.slow
 def test_further_searches_of_everything_change_nothing(monkeypatch):
     """The search ends early and is limited to what the last one left; without that the estimate is the same."""
     case = disturbance.case_of(Kind("plates", "face", 3.0, 78), 0, disturbance="auto")
