@@ -37,6 +37,7 @@ class ConfusableSet:
     effects: tuple[EffectParameters, ...]
     present: PresentRecord = field(repr=False)
     chance_gain: float
+    _separations: dict[CandidateRecord, tuple[Separation, ...]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def distinct_effects(self) -> tuple[EffectParameters, ...]:
@@ -59,8 +60,14 @@ class ConfusableSet:
     def separations(self, candidate: CandidateRecord) -> tuple[Separation, ...]:
         """How the others fall behind each of the effects where it is the true one, by the derivatives.
 
-        The others are those with a fit of the present record, then the further rivals of the candidate.
+        The others are those with a fit of the present record, then the further rivals of the candidate. Computed once
+        for each candidate.
         """
+        if candidate not in self._separations:
+            self._separations[candidate] = self._separate(candidate)
+        return self._separations[candidate]
+
+    def _separate(self, candidate: CandidateRecord) -> tuple[Separation, ...]:
         blocks = candidate.blocks(len(candidate.whitening))
         fits, further = (
             [FitWithoutNoise(one, candidate.length, blocks) for one in explanations]
