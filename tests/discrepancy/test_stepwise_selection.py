@@ -15,6 +15,7 @@ from wallid.discrepancy.selection.stepwise_selection import StepwiseSelection, _
 @dataclass(frozen=True)
 class Fit:
     active: tuple[str, ...]
+    at_bound: tuple[str, ...] = ()
 
 
 class Fits:
@@ -116,6 +117,21 @@ def test_beside_a_negligible_effect_the_others_have_to_be_significant(what_is_ne
     selection.significant = False
     assert selection._without_negligible(Fit(("offset", "lag"))).active == ()
     assert selection._without_negligible(Fit(("lag", "drift"))).active == ("lag", "drift")
+
+
+def test_a_rival_at_a_bound_is_not_excluded(monkeypatch):
+    """It explains the record nearly as well inside; one whose size may be zero is excluded."""
+    monkeypatch.setattr(stepwise_selection, "penalised_cost", lambda fit: fit.cost)
+    monkeypatch.setattr(stepwise_selection, "reason_for_refusal", lambda fit: fit.reason)
+
+    def rival(name, cost, at_bound=(), reason=""):
+        return SimpleNamespace(active=(name,), cost=cost, at_bound=at_bound, reason=reason)
+
+    selection = StepwiseSelection(Fits())
+    inside, at_bound = rival("inside", 8.0), rival("at the bound", 8.0, ("place",), "at the bound")
+    small, far = rival("small", 8.0, (), "may be zero"), rival("far", 9.5, ("place",), "at the bound")
+    selection.rivals = [inside, at_bound, small, far]
+    assert selection._close_rivals(SimpleNamespace(cost=0.0), Fit(())) == [inside, at_bound]
 
 
 def test_a_resistance_of_a_plate_is_a_special_case_of_a_film_of_its_face():

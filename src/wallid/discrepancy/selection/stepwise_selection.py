@@ -166,10 +166,14 @@ class StepwiseSelection:
         return self.fits.residual_tests(base).p_value >= RESIDUAL_TEST_LEVEL
 
     def _close_rivals(self, fit: EffectFit, base: EffectFit) -> list[EffectFit]:
-        """The fits with another effect in the place of the one that a base lacks, which explain the record as well."""
+        """The fits with another effect in the place of the one that a base lacks, which explain the record as well.
+
+        One that ends at a bound explains it nearly as well inside, so it is not excluded: heat behind the last sensor
+        goes up to the face, where it is an offset of the face.
+        """
         exchanged = (other for other in self.rivals if _has_one_more(other, base))
         close = (other for other in exchanged if penalised_cost(other) - penalised_cost(fit) < RIVAL)
-        return [other for other in close if not reason_for_refusal(other)]
+        return [other for other in close if other.at_bound or not reason_for_refusal(other)]
 
     def _pair_from_another_single(self, fit: EffectFit) -> EffectFit:
         """The best pair that contains one of the best single effects; the fit itself where none is better.
