@@ -120,7 +120,7 @@ class EffectFit:
         k = size - sum(index < size for index in searched)
         return float(np.sqrt(_covariance(others)[k, k]))
 
-    @property
+    @cached_property
     def names_at_bound(self) -> frozenset[str]:
         """The parameters of effects that are at a bound of their search range."""
         p = self.parameters

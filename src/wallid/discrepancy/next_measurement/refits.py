@@ -72,12 +72,12 @@ def _refits(confusable: ConfusableSet, candidate: CandidateRecord, k: int, deriv
     problem, fits = candidate.problem, confusable.present.fits
     parameters = candidate.next_parameters(fits[k])
     covariance = problem.noise_shape(parameters).covariance_like(fits[0].noise)
-    predicted = _with_readings_of(candidate, fits[k])
-    refits = _RefitsWithoutNoise(candidate, CandidateFits(predicted), covariance)
+    without_noise = _with_readings_of(candidate, fits[k])
+    refits = _RefitsWithoutNoise(candidate, CandidateFits(without_noise), covariance)
     rivals, excess = confusable.rivals_of(k), derivative.excess.mean(axis=0)
     nearest = np.argsort((excess + derivative.penalties)[: len(rivals)])[:_NEAREST]
     return Refits(
-        linearised_at(predicted, same_effects(candidate, fits[k]), parameters, covariance),
+        linearised_at(without_noise, same_effects(candidate, fits[k]), parameters, covariance),
         {int(j): refits.best(fits[rivals[j]]) for j in nearest if excess[j] < _CLEAR_EXCESS},
     )
 

@@ -33,7 +33,7 @@ from jaxtyping import Float, Int
 from .other_weather import LeastSquaresInOtherWeather
 from .possible_truths import PossibleTruths
 
-_DRAWS = 4000
+_DRAWS = 3840  # of the noise: each half has every draw of the weather and of the true effect equally often
 
 
 class Growth(NamedTuple):

@@ -281,8 +281,8 @@ class StepwiseSelection:
                 fits += [self.fits.add_candidates(scores, (k,)) for k in starts]
             for other in fits:
                 special = best is fit and _is_special_case(other, base, effect_parameters)
-                gain = -_CLEARLY_BETTER if special else _CLEARLY_BETTER
-                if penalised_cost(other) < penalised_cost(best) - gain and self.fits.acceptable(other):
+                least_gain = -_CLEARLY_BETTER if special else _CLEARLY_BETTER
+                if penalised_cost(other) < penalised_cost(best) - least_gain and self.fits.acceptable(other):
                     best = other
         return best
 
