@@ -97,10 +97,15 @@ def fixed_advice(spec: Spec, effects: set[tuple[str, str | None]]) -> dict:
     return {"kind": "sensor", "share": float(ends[widest : widest + 2].mean())}
 
 
+def seed_of(campaign: int) -> int:
+    """What a next campaign adds to the seeds of the weather and the noise, which stay below 2^32."""
+    return 10**9 + campaign * 10**8
+
+
 def measured_again(spec: Spec, action: dict, campaign: int = 0) -> Spec:
     """The next campaign: other weather, and what the action changes. Each `campaign` has its own weather."""
     days = spec.days * action["times"] if "times" in action else action.get("days", spec.days)
-    spec = replace(spec, weather_seed=spec.weather_seed + (1 + campaign) * 10**9, days=float(days))
+    spec = replace(spec, weather_seed=spec.weather_seed + seed_of(campaign), days=float(days))
     inner_start = spec.days / 3.0 * DAY
     match action["kind"]:
         case "sensor":
@@ -214,7 +219,7 @@ def one(name: str, number: int, spec: Spec) -> Iterator[dict]:
 def _outcome(spec: Spec, action: dict, others: set[tuple[str, str | None]], campaign: int = 0) -> dict:
     """What the diagnosis of a next campaign says; `others` are names and targets in the present one."""
     then = measured_again(spec, action, campaign)
-    again = diagnosed(then, spec.noise_seed + (1 + campaign) * 10**9)
+    again = diagnosed(then, spec.noise_seed + seed_of(campaign))
     true, is_settled = right(again, then), settled(again, then, _exchanged_names(others, action))
     return {"true": true, "settled": is_settled, "then": again.verdict, "said": again.sentence}
 
