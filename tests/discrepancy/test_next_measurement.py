@@ -9,6 +9,8 @@ import pvlib
 import pytest
 import scipy
 from benchmarks.reference.simulator_with_effects import Hidden, Spec, write_case
+from hypothesis import given
+from hypothesis import strategies as st
 
 import wallid
 from wallid.case.options import ACTIONS, Choices
@@ -17,7 +19,15 @@ from wallid.discrepancy import search_for_effects
 from wallid.discrepancy.effect_fit import linearised_at, refit
 from wallid.discrepancy.model_with_effects import predict
 from wallid.discrepancy.next_measurement import added_instrument, candidate_records, changed_faces, refits, search
-from wallid.discrepancy.next_measurement.actions import EFFORTS, Action, Prescription, best_actions, not_probable_enough
+from wallid.discrepancy.next_measurement.actions import (
+    EFFORTS,
+    Action,
+    Prescription,
+    best_actions,
+    best_of,
+    not_probable_enough,
+    score,
+)
 from wallid.discrepancy.next_measurement.added_instrument import RecordWithFirstSensor
 from wallid.discrepancy.next_measurement.added_sensor import added_sensors
 from wallid.discrepancy.next_measurement.candidate_records import LongerRecord, RecordWithSensor, records_with_sensor
@@ -165,7 +175,14 @@ def test_another_form_that_the_diagnosis_tried_is_a_possible_truth(found):
     after = replace(found.after, active=(entire,), cost=other.cost)
     (confusable,) = confusable_sets(replace(found, effects=(named,), after=after, trials=trials))
     assert confusable.effects[0] is entire and confusable.effects[-1] is placed and len(confusable.effects) == 3
-    assert confusable.present.fits[2].cost == pytest.approx(other.cost, abs=1e-3)
+    fit = confusable.present.fits[2]
+    assert fit.cost == pytest.approx(other.cost, abs=1e-3)
+    lower, upper = (
+        float(bound[fit.parameters.index(placed.names[1])]) for bound in (fit.parameters.lower, fit.parameters.upper)
+    )
+    open_share = min(np.sqrt(2.0 * np.pi) * fit.std(placed.names[1]) / (upper - lower), 1.0)
+    by_cost = np.exp(-0.5 * (fit.cost - confusable.present.fits[0].cost))
+    assert confusable.weights[2] / confusable.weights[0] == pytest.approx(by_cost * open_share)
 
 
 def test_exchanged_sensors_read_each_others_places(found):
@@ -306,6 +323,31 @@ def test_every_action_has_a_probability_and_the_page_of_numbers_its_keys(found, 
     monkeypatch.setattr(search, "best_actions", lambda actions, now: best_actions(actions, 0.0))
     (other,) = what_to_measure(costly, shares.append)
     assert other.now == prescription.now and other.actions[0].kind == "longer"
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 6.0)), min_size=1, max_size=7))
+def test_the_best_action_has_its_probability_by_refits(drawn):
+    """The best three and, one after the other, each that is the best of all then."""
+    by_derivative = [Action("shade", {}, 1.0, effort, p) for p, _, effort in drawn]
+    ranked, asked = sorted(by_derivative, key=lambda action: -score(action)), []
+    exact = {action.effort: p for action, (_, p, _) in zip(by_derivative, drawn, strict=True)}
+
+    def by_refits(k):
+        asked.append(k)
+        return exact[ranked[k].effort]
+
+    found = search.with_probability_by_refits(ranked, by_refits)
+    assert asked[:3] == list(range(len(ranked)))[:3] and len(asked) == len(set(asked))
+    assert [one.probability for one in found] == [
+        exact[one.effort] if k in asked else one.probability for k, one in enumerate(ranked)
+    ]
+    best = best_of(found)
+    assert any(found[k] is best for k in asked)
+    if len(asked) > 3:  # the last one was the best before its refits
+        before = [
+            replace(one, probability=ranked[k].probability) if k == asked[-1] else one for k, one in enumerate(found)
+        ]
+        assert best_of(before) is before[asked[-1]]
 
 
 def test_refits_confirm_the_derivatives_of_a_repeat(found):

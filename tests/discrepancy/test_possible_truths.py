@@ -7,7 +7,12 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from wallid.discrepancy.next_measurement.possible_truths import normal_draws, possible_changes, shortened
+from wallid.discrepancy.next_measurement.possible_truths import (
+    normal_draws,
+    open_shares,
+    possible_changes,
+    shortened,
+)
 
 
 def changes_of(size, std, place=0.1, place_std=0.01):
@@ -27,6 +32,16 @@ def test_a_size_is_as_likely_in_each_decade_before_the_record(size):
     changes = changes_of(size, std)
     assert abs(size + changes[:, 0].mean()) == pytest.approx(integral(1) / integral(0), abs=0.01)
     assert changes[:, 1].mean() == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("std", "expected"), [(0.02, None), (1e3, 1.0)])
+def test_the_share_of_a_range_that_is_left_open(std, expected):
+    """The mean likelihood over the range, over the highest one, by numerical integration; one that says nothing."""
+    lower, upper, best = 0.1, 0.5, 0.27
+    if expected is None:
+        likelihood = quad(lambda place: np.exp(-0.5 * ((place - best) / std) ** 2), lower, upper, points=[best])[0]
+        expected = likelihood / (upper - lower)
+    assert open_shares(*np.array([[std], [lower], [upper]])) == pytest.approx([expected], rel=1e-6)
 
 
 def test_draws_have_the_covariance():

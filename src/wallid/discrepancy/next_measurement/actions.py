@@ -213,8 +213,14 @@ def best_actions(actions: Sequence[Action], now: float) -> tuple[Action, ...]:
 
 def not_probable_enough(actions: Sequence[Action], now: float) -> Action | None:
     """The most probable action, where none is probable enough and it is better than a repeat; else None."""
-    best = max(actions, key=lambda action: action.probability, default=None)
+    best = best_of(actions) if actions else None
     return best if best is not None and now < best.probability < HELPFUL else None
+
+
+def best_of(actions: Sequence[Action]) -> Action:
+    """The best action that is probable enough, by probability and effort; the most probable one where none is."""
+    probable = [action for action in actions if action.probability >= HELPFUL]
+    return max(probable, key=score) if probable else max(actions, key=lambda action: action.probability)
 
 
 def score(action: Action) -> float:

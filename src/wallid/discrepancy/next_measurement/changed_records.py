@@ -175,7 +175,7 @@ class SwappedRecord(ChangedRecord):
     def _with_effect(self, beside: Explanation, one: EffectParameters, column: np.ndarray) -> Explanation:
         """An explanation with one more effect, in the place of the error with a prior that it replaces."""
         replaced = self.problem.replaced_errors((one,))
-        kept = beside.keeping(np.array([name not in replaced for name in beside.names]))
+        kept = beside.without(replaced)
         return replace(
             kept,
             names=(*kept.names, one.names[0]),

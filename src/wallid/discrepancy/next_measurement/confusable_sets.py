@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -16,9 +16,9 @@ from ..selection.effect_results import NamedEffect
 from ..selection.score_test import same_effect_and_target
 from ..selection.stepwise_selection import added_effect
 from .candidate_records import CandidateRecord
-from .possible_truths import PossibleTruths, possible_truths
+from .possible_truths import PossibleTruths, minus_twice_log_evidence, possible_truths
 from .present_record import PresentRecord
-from .separation import FitWithoutNoise, Separation, separation
+from .separation import Explanation, FitWithoutNoise, Separation, separation
 
 _FAR_BEHIND = 30.0  # of the penalised cost; a rival that far behind the best is no alternative of another record either
 
@@ -48,20 +48,25 @@ class ConfusableSet:
     @cached_property
     def weights(self) -> np.ndarray:
         """The probability that each of the effects is the true one, by the evidence of the record, `(effect,)`."""
-        costs = np.array([penalised_cost(fit) for fit in self.present.fits[: len(self.effects)]])
+        costs = np.array([minus_twice_log_evidence(fit, one) for fit, one in self._fits_of_effects])
         weights = np.exp(-0.5 * (costs - costs.min()))
         return np.asarray(weights / weights.sum())
 
     @cached_property
     def possible_truths(self) -> tuple[PossibleTruths, ...]:
         """What each of the effects may be where it is the true one."""
-        return tuple(possible_truths(fit, effect) for fit, effect in zip(self.present.fits, self.effects, strict=False))
+        return tuple(possible_truths(fit, one) for fit, one in self._fits_of_effects)
+
+    @property
+    def _fits_of_effects(self) -> Iterator[tuple[EffectFit, EffectParameters]]:
+        """Each of the effects with its fit of the present record."""
+        return zip(self.present.fits[: len(self.effects)], self.effects, strict=True)
 
     def separations(self, candidate: CandidateRecord) -> tuple[Separation, ...]:
         """How the others fall behind each of the effects where it is the true one, by the derivatives.
 
-        The others are those with a fit of the present record, then the further rivals of the candidate. Computed once
-        for each candidate.
+        The others are those with a fit of the present record, then the further rivals of the candidate. A parameter of
+        a rival that is at a bound of its search range stays there. Computed once for each candidate.
         """
         if candidate not in self._separations:
             self._separations[candidate] = self._separate(candidate)
@@ -69,14 +74,22 @@ class ConfusableSet:
 
     def _separate(self, candidate: CandidateRecord) -> tuple[Separation, ...]:
         blocks = candidate.blocks(len(candidate.whitening))
-        fits, further = (
-            [FitWithoutNoise(one, candidate.length, blocks) for one in explanations]
-            for explanations in (candidate.whitened_explanations, candidate.whitened_further)
-        )
+
+        def fits(explanations: Iterable[Explanation]) -> list[FitWithoutNoise]:
+            return [FitWithoutNoise(one, candidate.length, blocks) for one in explanations]
+
+        explanations = candidate.whitened_explanations
+        of_rivals = (one.without(names) for one, names in zip(explanations, self._at_bound(candidate), strict=True))
+        true, rivals = fits(explanations[: len(self.effects)]), fits(of_rivals)
+        further = fits(candidate.whitened_further)
         return tuple(
-            separation(fits[k], [*(fits[j] for j in self.rivals_of(k)), *further], self.next_truths(candidate, k))
+            separation(true[k], [*(rivals[j] for j in self.rivals_of(k)), *further], self.next_truths(candidate, k))
             for k in range(len(self.effects))
         )
+
+    def _at_bound(self, candidate: CandidateRecord) -> Iterator[set[str]]:
+        """The parameters of each fit that are at a bound of their search range, by the names of the next record."""
+        return (set(map(candidate.next_name, fit.names_at_bound)) for fit in self.present.fits)
 
     def next_truths(self, candidate: CandidateRecord, k: int) -> PossibleTruths:
         """What effect k may be, by the names of the next record."""

@@ -1,12 +1,22 @@
-"""What a true effect may be, by what the present record leaves open of its size, position, hours and temperatures.
+"""Which effect may be the true one, and what it may be: its size, position, hours and temperatures.
+
+Each effect of a set was as likely before the record. By Laplace's approximation the record has with it the probability
+
+    p ~ exp(-cost / 2) prod_i min(1, sqrt(2 pi) s_i / range_i)
+
+with the standard deviations s_i of its position, hours or temperatures, which were as likely anywhere in their search
+range. The size and the parameters of the wall have about the same factor with each effect.
 
 The parameters of an effect are normal about the fit, with the covariance that the present record gives. Before any
 record a size is as likely in each decade, so the mean of the size phi is lower by `std^2 / phi`. A draw that would pass
 a bound of the search range, or change the sign of the size, ends there.
+
+Source: D. J. C. MacKay, Neural Comput. 4 (1992), 415 (the share of a range that the data leave open).
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +38,21 @@ class PossibleTruths(NamedTuple):
 
     names: tuple[str, ...]
     draws: np.ndarray
+
+
+def minus_twice_log_evidence(fit: EffectFit, effect: EffectParameters) -> float:
+    """`-2 ln p` of the present record with an effect of a fit, but for a constant that the effects of a set share."""
+    parameters, (_, *searched) = fit.parameters, effect.names
+    lower, upper = (np.asarray(bound)[parameters.indices(searched)] for bound in (parameters.lower, parameters.upper))
+    shares = open_shares(np.array([fit.std(name) for name in searched]), lower, upper)
+    return float(fit.cost - 2.0 * np.log(shares).sum())
+
+
+def open_shares(
+    std: Float[np.ndarray, " param"], lower: Float[np.ndarray, " param"], upper: Float[np.ndarray, " param"]
+) -> Float[np.ndarray, " param"]:
+    """The shares of their ranges that standard deviations leave open."""
+    return np.minimum(math.sqrt(2.0 * math.pi) * std / (upper - lower), 1.0)
 
 
 def possible_truths(fit: EffectFit, effect: EffectParameters) -> PossibleTruths:

@@ -100,8 +100,7 @@ def _with_refits(
 
 def _within_bounds(fit: EffectFit) -> Explanation:
     """The readings by a fit, linear in the parameters that are at no bound: there the others alone can change."""
-    explanation = explanation_of(fit)
-    return explanation.keeping(np.array([name not in fit.names_at_bound for name in explanation.names]))
+    return explanation_of(fit).without(fit.names_at_bound)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from ...records.weather_year import WeatherYear
 from ..problem import EffectParameters
 from ..result.findings import Findings
-from .actions import EFFORTS, Action, ActionKind, Prescription, best_actions, not_probable_enough, score
+from .actions import EFFORTS, Action, ActionKind, Prescription, best_actions, best_of, not_probable_enough, score
 from .added_instrument import records_with_instrument
 from .candidate_records import CandidateRecord, LongerRecord, longer_records, records_with_sensor
 from .changed_records import changed_records, swapped_records
@@ -19,7 +20,7 @@ from .refits import refits_without_noise, refitted_separations
 from .unlogged_columns import unlogged_columns
 
 _PROBABLE_ENOUGH = 0.9  # from which no longer record is tried
-_REFITTED = 3  # actions whose probability is computed by refits
+_REFITTED = 3  # actions whose probability is computed by refits; more where one that is not would be the best
 
 
 def what_to_measure(
@@ -61,19 +62,38 @@ def _for_confusable(
     progress(0.3)
     tried = _tried(present, lambda record: confusable.probability(confusable.separations(record)), efforts, weather)
     ranked = _best_of_each_kind(tried)
-    actions = []
-    for count, (record, action) in enumerate(ranked):
-        if count < _REFITTED:
-            progress(0.4 + 0.6 * count / _REFITTED)
-            longer = isinstance(record, LongerRecord)
-            refits = refits_of_repeat if longer else refits_without_noise(confusable, record)
-            exact = refitted_separations(confusable, record, refits)
-            action = replace(action, probability=confusable.probability(exact))
-        actions.append(action)
+    counts = itertools.count()
+
+    def by_refits(k: int) -> float:
+        """The probability of the k-th of the ranked records."""
+        progress(1.0 - 0.6 * 0.8 ** next(counts))
+        record, _ = ranked[k]
+        refits = refits_of_repeat if isinstance(record, LongerRecord) else refits_without_noise(confusable, record)
+        return confusable.probability(refitted_separations(confusable, record, refits))
+
+    actions = with_probability_by_refits([action for _, action in ranked], by_refits)
     now = confusable.probability(refitted_separations(confusable, repeat, refits_of_repeat))
     effects = confusable.distinct_effects
     labels = tuple(present.problem.label(one.effect) for one in effects)
     return _prescription(effects, labels, now, actions, _kinds(tried), _sensor_curve(tried))
+
+
+def with_probability_by_refits(ranked: Sequence[Action], by_refits: Callable[[int], float]) -> list[Action]:
+    """The actions with the probability by refits of the best three, and of any other that is then the best one.
+
+    Args:
+        ranked: with the probability by the derivatives, the best first.
+        by_refits: the probability of one of them by its index.
+    """
+    actions, refitted = list(ranked), set[int]()
+    while left := [k for k in range(len(actions)) if k not in refitted]:
+        best = next(k for k, action in enumerate(actions) if action is best_of(actions))
+        if best in refitted and len(refitted) >= _REFITTED:
+            break
+        k = left[0] if len(refitted) < _REFITTED else best
+        actions[k] = replace(actions[k], probability=by_refits(k))
+        refitted.add(k)
+    return actions
 
 
 def _for_uninformative(findings: Findings, efforts: Mapping[str, float], weather: WeatherYear | None) -> Prescription:

@@ -23,7 +23,7 @@ Source: A. C. Atkinson, V. V. Fedorov, Biometrika 62 (1975), 57 (designs that di
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -82,12 +82,15 @@ class Explanation:
         predicted, jacobian = function(self.predicted), function(self.jacobian.T).T
         return replace(self, predicted=predicted, jacobian=jacobian, growth=growth)
 
-    def keeping(self, kept: np.ndarray) -> Explanation:
-        """The same with some of its parameters, by a mask; the others keep their values."""
+    def without(self, names: Collection[str]) -> Explanation:
+        """The same without some of its parameters, which keep their values."""
+        if not names:
+            return self
+        kept = np.array([name not in names for name in self.names])
         growth = self.growth if self.growth is None else self.growth._replace(jacobian=self.growth.jacobian[:, kept])
         return replace(
             self,
-            names=tuple(name for name, keep in zip(self.names, kept, strict=True) if keep),
+            names=tuple(name for name in self.names if name not in names),
             jacobian=self.jacobian[:, kept],
             values=self.values[kept],
             prior_std=self.prior_std[kept],
