@@ -148,11 +148,10 @@ def outcomes_of(number: int) -> dict:
         chance_of_uninformative,
     )
     from wallid.experiment_design.campaign_plan.plan_search import PlanSearch, plan_campaign
-    from wallid.records.weather_year import read_weather_year
 
     one, rng = house(number), np.random.default_rng([SEED, number, 1])
     campaign = campaign_of(one)
-    weather = read_weather_year(campaign.weather_file)
+    weather = campaign.read_weather()
     found = plan_campaign(campaign, weather, no_progress)
     planned = [float(x) for x in found.positions]
     equal = [one.length * (k + 1) / (len(planned) + 1) for k in range(len(planned))]

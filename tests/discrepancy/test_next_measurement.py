@@ -291,7 +291,7 @@ def test_another_season_of_plates_alone(found):
 def test_a_weather_file_that_is_not_there_ends_a_diagnosis_at_once(found, monkeypatch):
     monkeypatch.setattr(search_for_effects, "_fit_plain_model", None)  # no search has begun
     case = replace(found.problem.case, plan=CampaignSettings(weather="gone.epw", azimuth=180.0))
-    with pytest.raises(wallid.InputError, match="there is no such file"):
+    with pytest.raises(wallid.InputError, match=r"\[plan\] weather: .*gone.epw: there is no such file"):
         wallid.diagnose(case)
 
 

@@ -10,6 +10,7 @@ from typing import Literal, no_type_check
 
 from .._internal.errors import InputError
 from .._internal.validation import integer, number, set_fields, some_of, text
+from ..records.weather_year import WeatherYear, read_weather_year
 from .options import Choices
 from .wall_and_sensors import SIDES, Sensor, Side, Wall
 
@@ -109,3 +110,14 @@ class PlannedCampaign:
     def weather_file(self) -> Path:
         """The weather file; a relative path is relative to the case file."""
         return self.path.parent / self.settings.weather
+
+    def read_weather(self) -> WeatherYear:
+        """Read the weather of a typical year.
+
+        Raises:
+            InputError: the file cannot be read, or pvlib is not installed.
+        """
+        try:
+            return read_weather_year(self.weather_file)
+        except InputError as error:
+            raise InputError(f"{self.path}: [plan] weather: {error}") from error

@@ -11,7 +11,7 @@ from ..case.case_definition import Case
 from ..case.mixups import visible_mixups
 from ..estimation.materials import implausible
 from ..estimation.unknown_heat import UnknownHeat
-from ..records.weather_year import WeatherYear, read_weather_year
+from ..records.weather_year import WeatherYear
 from .compilation import compile_together
 from .cross_validation import cross_validate
 from .effect_fit import EffectFit
@@ -79,7 +79,7 @@ def _weather_of_plan(case: Case) -> WeatherYear | None:
     has_pattern = case.section is not None and not case.section.is_homogeneous
     if case.plan is None or has_pattern:
         return None
-    return read_weather_year(case.planned_campaign.weather_file)
+    return case.planned_campaign.read_weather()
 
 
 def _search_in_section(plain: _PlainModel, progress: Progress) -> Diagnosis:

@@ -13,7 +13,6 @@ from ...estimation.iso_9869 import MIN_DAYS, average_method
 from ...experiment_design.campaign_plan.plan_result import CampaignPlan
 from ...experiment_design.campaign_plan.plan_search import plan_campaign
 from ...experiment_design.campaign_plan.typical_case import campaign_irradiance, indoor_temperature
-from ...records.weather_year import read_weather_year
 from .columns_of_plan import columns_to_log
 
 
@@ -44,7 +43,7 @@ def plan(campaign: PlannedCampaign, *, progress: Progress | None = None) -> Camp
     """
     with shown_progress(progress) as report:
         report("plan: reading the weather", 0.0)
-        weather = read_weather_year(campaign.weather_file)
+        weather = campaign.read_weather()
         found = plan_campaign(campaign, weather, part_of(report, 0.0, 0.6))
         report("plan: the columns to log", 0.6)
         logged = {
