@@ -66,7 +66,7 @@ def _for_confusable(
 
     def by_refits(k: int) -> float:
         """The probability of the k-th of the ranked records."""
-        progress(1.0 - 0.6 * 0.8 ** next(counts))
+        progress(1.0 - 0.6 * 0.8 ** next(counts))  # three or more
         record, _ = ranked[k]
         refits = refits_of_repeat if isinstance(record, LongerRecord) else refits_without_noise(confusable, record)
         return confusable.probability(refitted_separations(confusable, record, refits))
@@ -87,7 +87,7 @@ def with_probability_by_refits(ranked: Sequence[Action], by_refits: Callable[[in
     """
     actions, refitted = list(ranked), set[int]()
     while left := [k for k in range(len(actions)) if k not in refitted]:
-        best = next(k for k, action in enumerate(actions) if action is best_of(actions))
+        best = actions.index(best_of(actions))
         if best in refitted and len(refitted) >= _REFITTED:
             break
         k = left[0] if len(refitted) < _REFITTED else best
