@@ -319,7 +319,7 @@ def main() -> None:
     given = parser.parse_args()
     lines = [json.loads(text) for text in given.log.read_text().splitlines()] if given.log.exists() else []
     start = time.monotonic()
-    for count, found in enumerate(work_left(given, list(lines))):
+    for count, found in enumerate(work_left(given, lines)):
         if count % _RECORDS_IN_CACHE == 0:
             jax.clear_caches()  # each record compiles its own programs, and a process has a limited number of maps
         for line in found:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -75,15 +75,17 @@ class ConfusableSet:
     def _separate(self, candidate: CandidateRecord) -> tuple[Separation, ...]:
         blocks = candidate.blocks(len(candidate.whitening))
 
-        def fits(explanations: Iterable[Explanation]) -> list[FitWithoutNoise]:
-            return [FitWithoutNoise(one, candidate.length, blocks) for one in explanations]
+        def fit_of(explanation: Explanation) -> FitWithoutNoise:
+            return FitWithoutNoise(explanation, candidate.length, blocks)
 
-        explanations = candidate.whitened_explanations
-        of_rivals = (one.without(names) for one, names in zip(explanations, self._at_bound(candidate), strict=True))
-        true, rivals = fits(explanations[: len(self.effects)]), fits(of_rivals)
-        further = fits(candidate.whitened_further)
+        fits = [fit_of(one) for one in candidate.whitened_explanations]
+        rivals = [
+            fit_of(one.explanation.without(names)) if names else one
+            for one, names in zip(fits, self._at_bound(candidate), strict=True)
+        ]
+        further = [fit_of(one) for one in candidate.whitened_further]
         return tuple(
-            separation(true[k], [*(rivals[j] for j in self.rivals_of(k)), *further], self.next_truths(candidate, k))
+            separation(fits[k], [*(rivals[j] for j in self.rivals_of(k)), *further], self.next_truths(candidate, k))
             for k in range(len(self.effects))
         )
 

@@ -84,8 +84,6 @@ class Explanation:
 
     def without(self, names: Collection[str]) -> Explanation:
         """The same without some of its parameters, which keep their values."""
-        if not names:
-            return self
         kept = np.array([name not in names for name in self.names])
         growth = self.growth if self.growth is None else self.growth._replace(jacobian=self.growth.jacobian[:, kept])
         return replace(
