@@ -31,7 +31,7 @@ from scipy.stats import binom
 from benchmarks.accuracy.discrepancy.scenarios import identifiability, singles
 from benchmarks.reference.simulator_with_effects import DAY, EFFECTS, HOUR, Hidden, Spec, write_case
 
-SEED = 1050  # fixed before the first record was tried; the failures of 1034 to 1049 were looked at
+SEED = 1051  # fixed before the first record was tried; the failures of 1034 to 1050 were looked at
 _LEAST, _CLEAR = 12.0, 30.0  # squared signal-to-noise: nothing is found below, hardly a set is confusable above
 _RECORDS_IN_CACHE = 8
 _BINS = (0.0, 0.5, 0.7, 0.9, 1.0)

@@ -28,7 +28,7 @@ from wallid.discrepancy.next_measurement.actions import (
     not_probable_enough,
     score,
 )
-from wallid.discrepancy.next_measurement.added_instrument import RecordWithFirstSensor
+from wallid.discrepancy.next_measurement.added_instrument import RecordWithFirstSensor, RecordWithPlate
 from wallid.discrepancy.next_measurement.added_sensor import added_sensors
 from wallid.discrepancy.next_measurement.candidate_records import LongerRecord, RecordWithSensor, records_with_sensor
 from wallid.discrepancy.next_measurement.changed_records import (
@@ -238,6 +238,24 @@ def test_an_exchanged_sensor_may_be_mistaken_for_another_face(tmp_path):
     without_further.whitened_further = ()
     alone = confusable.probability(confusable.separations(without_further))
     assert with_all < 0.2 and alone > 0.8
+
+
+@pytest.mark.parametrize(
+    ("conductivity", "face", "is_like"), [(2.5, "left", True), (0.9, "left", False), (2.5, "right", False)]
+)
+def test_a_small_film_may_be_the_resistance_of_a_new_plate(found, conductivity, face, is_like):
+    """A film of 5 cm has 0.02 m2 K/W in a wall of 2.5 W/m/K, as a plate may have, and 0.056 in one of 0.9."""
+    case = found.problem.case
+    problem = replace(found.problem, case=replace(case, wall=replace(case.wall, conductivity=conductivity)))
+    (confusable,) = confusable_sets(replace(found, problem=problem))
+    fits = tuple(replace(fit, problem=problem) for fit in confusable.present.fits)
+    confusable = replace(confusable, present=PresentRecord(fits))
+    record = RecordWithPlate(confusable.present, face)
+    assert len(record.further) == is_like
+    film, *_ = confusable.separations(record)
+    if is_like:
+        assert film.excess[:, -1] == pytest.approx(0.0, abs=1e-6)
+        assert confusable.probability(confusable.separations(record)) <= confusable.weights[1]
 
 
 def test_another_season_has_the_faces_of_the_typical_year(found, tmp_path):

@@ -63,6 +63,10 @@ class AbstractEffect(eqx.Module):
         """The face, the air, or the index of the inner sensor; None for the entire wall."""
         return None
 
+    def is_special_case_of(self, other: AbstractEffect) -> bool:
+        """Whether it gives the same readings as another effect, in a narrower range of that one's size."""
+        return (self.special_case_of, self.target) == (other.name, other.target)
+
     def target_name(self, sensors: Sequence[str]) -> str | None:
         """The target as in result.json, from the names of the inner sensors."""
         return sensors[self.target] if isinstance(self.target, int) else self.target

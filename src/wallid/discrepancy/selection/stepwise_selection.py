@@ -342,10 +342,7 @@ class StepwiseSelection:
 
 def _is_special_case(fit: EffectFit, base: EffectFit, effect: EffectParameters) -> bool:
     """Whether a fit has a special case of an effect in its place, which is named where both explain a record alike."""
-    if not _has_one_more(fit, base):
-        return False
-    added = added_effect(fit, base).effect
-    return (added.special_case_of, added.target) == (effect.effect.name, effect.effect.target)
+    return _has_one_more(fit, base) and added_effect(fit, base).effect.is_special_case_of(effect.effect)
 
 
 def _has_one_more(fit: EffectFit, base: EffectFit) -> bool:
