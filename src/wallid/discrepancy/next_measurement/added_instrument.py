@@ -20,7 +20,8 @@ from ...experiment_design.campaign_plan.typical_case import conductivity_of
 from ...models.flux_plates import fluxes_of
 from ..effect_fit import EffectFit
 from ..model_with_effects import linearise
-from ..problem import DiagnosisProblem, EffectParameters, diagnosis_problem
+from ..problem import DiagnosisProblem, diagnosis_problem
+from ..selection.stepwise_selection import added_effect
 from .candidate_records import SHARES, CandidateRecord, with_profile_of
 from .changed_records import ChangedRecord
 from .present_record import PresentRecord
@@ -83,21 +84,14 @@ class RecordWithPlate(_RecordWithInstrument):
         return tuple(one for fit, one in pairs if self._has_small_film(fit, base))
 
     def _has_small_film(self, fit: EffectFit, base: EffectFit) -> bool:
-        """Whether a fit has a film on the face, beside the effects of a base, that may be a plate's resistance."""
-        problem = self.problem
-        films = [one for one in fit.active if one not in base.active and one.effect.target == self.face]
-        return any(
-            resistance.effect.is_special_case_of(film.effect)
-            and float(fit.parameters[film.names[0]])
-            <= self._upper(resistance) * float(problem.model.reference_conductivity)
-            for resistance in problem.library
-            for film in films
-        )
-
-    def _upper(self, effect: EffectParameters) -> float:
-        """The upper bound of the size of an effect."""
-        parameters = self.problem.parameters
-        return float(parameters.upper[parameters.index(effect.names[0])])
+        """Whether the effect that a fit adds to a base is a film on the face that may be a plate's resistance."""
+        film, parameters = added_effect(fit, base), self.problem.parameters
+        if film.effect.target != self.face:
+            return False
+        sizes = [one.names[0] for one in self.problem.library if one.effect.is_special_case_of(film.effect)]
+        largest = np.asarray(parameters.upper)[parameters.indices(sizes)]
+        resistance = float(fit.parameters[film.names[0]]) / float(self.problem.model.reference_conductivity)
+        return bool(np.any(resistance <= largest))
 
 
 class RecordWithFirstSensor(_RecordWithInstrument):
